@@ -1,0 +1,11 @@
+//! Bakes rigged characters for Throng: a character file becomes continuous levels of detail, a palette texture, animated
+//! bounds and a `.throng` file. Pure CPU; it owns the file format.
+//!
+//! Data flows one way: [`import`] -> [`character::Character`] -> [`merge`] -> [`mesh::Mesh`] -> [`simplify`] ->
+//! [`mesh::CollapseSequence`] -> [`sliding_tris`] -> [`baked::Baked`] -> [`file`].
+
+pub mod baked;
+pub mod character;
+pub mod error;
+pub mod mesh;
+pub mod pose;
