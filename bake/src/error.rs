@@ -48,3 +48,55 @@ impl ImportError {
         }
     }
 }
+
+/// Why an imported character could not be baked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeError {
+    /// The character needs more of something than a baked character can hold.
+    #[error("{character}: {what}: {count}, and at most {limit} can be baked")]
+    Limit {
+        /// The character's name.
+        character: String,
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are.
+        count: u64,
+        /// How many there may be.
+        limit: u64,
+    },
+    /// Nothing would be left to draw.
+    #[error("{character}: {reason}")]
+    Empty {
+        /// The character's name.
+        character: String,
+        /// What is missing.
+        reason: &'static str,
+    },
+}
+
+/// Why a baked file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileError {
+    /// The system refused.
+    #[error("{}: {action}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The content is not a baked character of this version, or it is damaged.
+    #[error("{}: {place}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Which section or record.
+        place: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
