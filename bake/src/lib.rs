@@ -7,5 +7,6 @@
 pub mod baked;
 pub mod character;
 pub mod error;
+pub mod glb;
 pub mod mesh;
 pub mod pose;
