@@ -1,1 +1,156 @@
-fn main() {}
+//! Compiles every entry point of hlsl/ to SPIR-V and embeds it. Errors name file and line.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use glslang::include::{IncludeHandler, IncludeResult, IncludeType};
+use glslang::{
+    Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
+    SourceLanguage, SpirvVersion, Target, VulkanVersion,
+};
+
+#[path = "hlsl/lint.rs"]
+mod lint;
+
+/// Module name, file, entry point, stage.
+const MODULES: &[(&str, &str, &str, ShaderStage)] = &[
+    (
+        "select_count",
+        "select.hlsl",
+        "CSCount",
+        ShaderStage::Compute,
+    ),
+    ("select_scan", "select.hlsl", "CSScan", ShaderStage::Compute),
+    (
+        "select_scatter",
+        "select.hlsl",
+        "CSScatter",
+        ShaderStage::Compute,
+    ),
+    ("mesh_vs", "mesh.hlsl", "VSMain", ShaderStage::Vertex),
+    ("mesh_ps", "mesh.hlsl", "PSMain", ShaderStage::Fragment),
+    (
+        "mesh_probe",
+        "mesh_probe.hlsl",
+        "CSMain",
+        ShaderStage::Compute,
+    ),
+    ("ground_vs", "ground.hlsl", "VSMain", ShaderStage::Vertex),
+    ("ground_ps", "ground.hlsl", "PSMain", ShaderStage::Fragment),
+    ("sky_vs", "sky.hlsl", "VSMain", ShaderStage::Vertex),
+    ("sky_ps", "sky.hlsl", "PSMain", ShaderStage::Fragment),
+];
+
+/// Hands out the files of hlsl/ to `#include`.
+struct Includes(PathBuf);
+
+impl IncludeHandler for Includes {
+    fn include(&mut self, _: IncludeType, name: &str, _: &str, _: usize) -> Option<IncludeResult> {
+        let data = std::fs::read_to_string(self.0.join(name)).ok()?;
+        Some(IncludeResult {
+            name: name.into(),
+            data,
+        })
+    }
+}
+
+fn main() {
+    if let Err(message) = run() {
+        eprintln!("{message}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), String> {
+    let root = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR").map_err(|e| e.to_string())?);
+    let out = PathBuf::from(std::env::var("OUT_DIR").map_err(|e| e.to_string())?);
+    let hlsl = root.join("hlsl");
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=hlsl");
+
+    let mut findings = Vec::new();
+    for entry in std::fs::read_dir(&hlsl).map_err(|e| format!("{}: {e}", hlsl.display()))? {
+        let path = entry.map_err(|e| e.to_string())?.path();
+        println!("cargo:rerun-if-changed={}", path.display());
+        if path
+            .extension()
+            .is_some_and(|e| e == "hlsl" || e == "hlsli")
+        {
+            findings.extend(lint::lint(&path.display().to_string(), &read(&path)?));
+        }
+    }
+    if !findings.is_empty() {
+        findings.sort();
+        return Err(findings.join("\n"));
+    }
+
+    let compiler = Compiler::acquire().ok_or("glslang does not start")?;
+    let mut code = String::from("// Written by build.rs.\n");
+    let mut table = String::new();
+    for &(name, file, entry, stage) in MODULES {
+        let words = compile(compiler, &hlsl, file, entry, stage)?;
+        write!(
+            code,
+            "static {}: [u32; {}] = [",
+            name.to_uppercase(),
+            words.len()
+        )
+        .ok();
+        for word in &words {
+            write!(code, "{word},").ok();
+        }
+        code.push_str("];\n");
+        writeln!(
+            table,
+            "    Module {{ name: {name:?}, source: \"hlsl/{file}\", spirv: &{} }},",
+            name.to_uppercase()
+        )
+        .ok();
+    }
+    write!(
+        code,
+        "/// Every compiled entry point, by name.\npub static MODULES: &[Module] = &[\n{table}];\n"
+    )
+    .ok();
+    let path = out.join("shaders.rs");
+    std::fs::write(&path, code).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+fn read(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+fn compile(
+    compiler: &'static Compiler,
+    hlsl: &Path,
+    file: &str,
+    entry: &str,
+    stage: ShaderStage,
+) -> Result<Vec<u32>, String> {
+    let options = CompilerOptions {
+        source_language: SourceLanguage::HLSL,
+        target: Target::Vulkan {
+            version: VulkanVersion::Vulkan1_1,
+            spirv_version: SpirvVersion::SPIRV1_3,
+        },
+        messages: ShaderMessage::VULKAN_RULES | ShaderMessage::SPV_RULES | ShaderMessage::READ_HLSL,
+        version_profile: None,
+    };
+    // glslang prefixes messages with the name of an included file, and with 0 for the file itself.
+    let name_files = |e: glslang::error::GlslangError| {
+        let path = hlsl.join(file).display().to_string();
+        let text = format!("{e}").replace("ERROR: 0:", &format!("ERROR: {path}:"));
+        format!("{path}: entry point {entry}: {text}")
+    };
+    let source = ShaderSource::from(read(&hlsl.join(file))?);
+    let mut includes = Includes(hlsl.to_path_buf());
+    let defines: Option<&[(&str, Option<&str>)]> = None;
+    let input = ShaderInput::new(&source, stage, &options, defines, Some(&mut includes))
+        .map_err(name_files)?;
+    let mut builder = Shader::new(compiler, input);
+    builder.source_entry_point(entry);
+    builder.entry_point("main");
+    builder.invert_y(true);
+    let shader = builder.parse().map_err(name_files)?;
+    shader.compile().map_err(name_files)
+}

@@ -1,0 +1,172 @@
+// Structs and numbers that the host and the shaders share. The Rust twin is src/gpu_types.rs; tests/layouts.rs compares the
+// two by reflection of the compiled modules. Every float3 starts on 16 bytes with a 4-byte scalar behind it.
+
+#ifndef THRONG_GPU_TYPES
+#define THRONG_GPU_TYPES
+
+// Threads of a workgroup of the select stage that work on one agent each.
+#define SELECT_GROUP_SIZE 64
+// Threads of the one workgroup that scans the lists.
+#define SCAN_GROUP_SIZE 256
+// Palette entries in a row of the palette texture: 3 texels each.
+#define PALETTE_ROW_ENTRIES 1024
+// Vertices in a row of the vertex texture: 2 texels each; of the collapse texture: 1 texel each.
+#define VERTEX_ROW_VERTICES 2048
+// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
+#define SKINNING_ERROR_SHARE 0.5
+// Selected::bin of a submesh that draws nothing.
+#define BIN_NONE 0xffffffffu
+// Where the tally buffer holds what; the lists' counts follow.
+#define TALLY_VISIBLE 0
+#define TALLY_LIVE_VERTICES_LOW 1
+#define TALLY_LIVE_VERTICES_HIGH 2
+#define TALLY_BINS 4
+// FrameConstants::flags.
+#define FLAG_FULL_DETAIL 1u
+#define FLAG_STILL 2u
+
+// One member of the crowd, as the host states it.
+struct AgentState
+{
+    float3 position; // world, metres
+    float heading; // radians about +Y, 0 faces +Z
+    float scale; // metres per bind-space unit
+    uint character;
+    uint clip0;
+    uint clip1;
+    float phase0; // fraction of the clip, wraps
+    float phase1;
+    float blend; // weight of clip1, 0 to 1
+    uint tint_seed;
+};
+
+// A character in the tables of the select stage.
+struct CharacterInfo
+{
+    uint first_submesh;
+    uint submesh_count;
+    uint first_clip;
+    uint joint_count;
+    float influences1_error; // bind-space units that skinning with 1 influence is off by
+    float influences2_error;
+    float influences3_error;
+    uint padding;
+};
+
+// A clip: bounds of every vertex at every frame, model space, and its frames in the palette.
+struct ClipInfo
+{
+    float3 sphere_center;
+    float sphere_radius;
+    float3 box_center;
+    uint first_frame;
+    float3 box_half_extent;
+    uint frame_count;
+    float nearest_error; // bind-space units that the nearest frame is off by
+    uint padding0;
+    uint padding1;
+    uint padding2;
+};
+
+// A submesh: where its collapse errors, which do not rise, and its bands stand. A bin is a band of a submesh.
+struct SubmeshInfo
+{
+    uint first_error;
+    uint vertex_count;
+    uint first_bin;
+    uint band_count;
+};
+
+// An index window, finest first within a submesh.
+struct BandInfo
+{
+    uint first_index;
+    uint index_count;
+    uint vertex_count; // live vertices
+    uint padding;
+};
+
+// What the count pass found for one submesh of one agent.
+struct Selected
+{
+    uint bin; // BIN_NONE: draws nothing
+    uint rank; // place in the bin's list
+    uint live_vertex_count;
+    uint padding;
+};
+
+// Everything about a visible agent that all of its vertices share.
+struct Pose
+{
+    float3 position; // world
+    uint tint_seed;
+    float heading_cos; // times scale
+    float heading_sin; // times scale
+    uint influence_count; // 1 to 4
+    uint sample_count; // 1, 2 or 4 frames
+    uint4 sample_entries; // first palette entry of each frame
+    float4 sample_weights; // sum to 1
+};
+
+// An entry of an instance list.
+struct Instance
+{
+    uint agent;
+    uint live_vertex_count;
+};
+
+// VkDrawIndexedIndirectCommand.
+struct DrawCommand
+{
+    uint index_count;
+    uint instance_count;
+    uint first_index;
+    int vertex_offset;
+    uint first_instance;
+};
+
+// The view, the options and the light of one frame.
+struct FrameConstants
+{
+    float4x4 clip_from_world;
+    float4x4 world_from_clip;
+    float4 planes[6]; // world, inward: inside where dot(plane.xyz, p) + plane.w >= 0
+    float3 eye;
+    float near;
+    float3 to_sun; // unit length
+    float error_per_metre; // LOD error in metres per metre of distance
+    float3 sun;
+    uint agent_count;
+    float3 sky;
+    uint bin_count;
+    float3 ground;
+    uint submesh_stride; // entries of the selected buffer per agent
+    float3 haze;
+    float haze_per_metre;
+    uint flags;
+    uint padding0;
+    uint padding1;
+    uint padding2;
+};
+
+// A character's constants for drawing.
+struct CharacterConstants
+{
+    float3 position_min;
+    float padding0;
+    float3 position_extent;
+    float padding1;
+    float2 uv_min;
+    float2 uv_extent;
+};
+
+// Push constants of a submesh's draw.
+struct DrawConstants
+{
+    uint first_vertex;
+    float alpha_cutoff;
+    uint probe_vertex_count; // mesh_probe only
+    uint probe_instance;
+};
+
+#endif

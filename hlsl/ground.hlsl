@@ -1,0 +1,59 @@
+// ground: the plane y = 0 out to the horizon, paved, as one quad around the camera.
+// The paving is filtered over each pixel's footprint, so that it fades instead of flickering.
+
+#include "gpu_types.hlsli"
+#include "color.hlsli"
+
+[[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
+[[vk::constant_id(3)]] const bool SRGB_TARGET = false;
+
+// Half the quad's side in metres; haze covers its edge.
+static const float HALF_SIDE = 20000.0;
+// Metres of a slab, and the share of it that is joint.
+static const float SLAB = 1.2;
+static const float JOINT = 0.03;
+
+struct Interpolants
+{
+    float4 position : SV_Position;
+    float2 offset : TEXCOORD0; // from the camera's foot point, metres: small numbers stay exact
+};
+
+Interpolants VSMain(uint vertex : SV_VertexID)
+{
+    float2 corner = float2(vertex & 1u, vertex >> 1) * 2.0 - 1.0;
+    Interpolants o;
+    o.offset = corner * HALF_SIDE;
+    o.position = mul(frame.clip_from_world, float4(frame.eye.x + o.offset.x, 0.0, frame.eye.z + o.offset.y, 1.0));
+    return o;
+}
+
+// Share of a pixel's footprint that is joint, by axis.
+float2 JointShare(float2 p, float2 width)
+{
+    float2 a = p + 0.5 * width;
+    float2 b = p - 0.5 * width;
+    return saturate((floor(a) + min(frac(a) / JOINT, 1.0) - floor(b) - min(frac(b) / JOINT, 1.0)) * JOINT / width);
+}
+
+float4 PSMain(Interpolants i) : SV_Target
+{
+    float2 p = (frame.eye.xz + i.offset) / SLAB;
+    float2 width = max(abs(ddx(i.offset)) + abs(ddy(i.offset)), 1e-4) / SLAB;
+    float2 joint_share = JointShare(p, width);
+    float joint = 1.0 - (1.0 - joint_share.x) * (1.0 - joint_share.y);
+
+    // Every slab has its own lightness, as long as a pixel is smaller than a slab.
+    float2 slab = floor(p);
+    float lightness = frac(sin(dot(slab, float2(12.9898, 78.233))) * 43758.5453) - 0.5;
+    float near_share = saturate(1.5 - 2.0 * max(width.x, width.y));
+    float3 albedo = float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
+
+    float3 light = frame.sun * saturate(frame.to_sun.y) + frame.sky;
+    float distance = sqrt(dot(i.offset, i.offset) + frame.eye.y * frame.eye.y);
+    float haze = HazeShare(distance, frame.haze_per_metre);
+    // The horizon itself is all haze.
+    haze = lerp(haze, 1.0, saturate(distance * (1.0 / 4000.0)));
+    float3 color = lerp(albedo * light, frame.haze, haze);
+    return float4(SRGB_TARGET ? saturate(color) : SrgbFromLinear(color), 1.0);
+}

@@ -1,0 +1,116 @@
+// mesh: draws one submesh of every visible agent; a sub-draw per band. Twin: src/reference/mesh.rs
+// In: instance lists and poses of the select stage, a character's textures. One vertex shader run does window extraction,
+// collapse, skinning and light; pixels interpolate sRGB-encoded colour, which costs a CPU driver the least.
+
+#include "mesh.hlsli"
+#include "color.hlsli"
+
+[[vk::binding(4, 1)]] Texture2DArray<float4> albedo_texture; // sRGB-encoded colour, linear alpha
+[[vk::binding(5, 1)]] SamplerState albedo_sampler;
+
+[[vk::constant_id(0)]] const bool TEXTURED = false;
+[[vk::constant_id(1)]] const bool DOUBLE_SIDED = false;
+[[vk::constant_id(2)]] const bool ALPHA_TESTED = false;
+[[vk::constant_id(3)]] const bool SRGB_TARGET = false; // the format encodes, so pixels decode
+
+struct Interpolants
+{
+    float4 position : SV_Position;
+    float4 color : COLOR0; // sRGB-encoded lit colour, linear alpha
+    float3 uv_layer : TEXCOORD0;
+    float3 color_back : COLOR1; // lit from the other side; double-sided only
+};
+
+uint Hash(uint x)
+{
+    x ^= x >> 16;
+    x *= 0x7feb352du;
+    x ^= x >> 15;
+    x *= 0x846ca68bu;
+    x ^= x >> 16;
+    return x;
+}
+
+// Colour variety. Rule 0 leaves the colour, 1 varies lightness and warmth a little, 2 dyes it.
+float3 TintedColor(float3 color, uint tint_seed, uint body_part, uint rule)
+{
+    uint h = Hash(tint_seed ^ (body_part * 0x9e3779b9u));
+    float3 r = float3(h & 0x3ffu, (h >> 10) & 0x3ffu, h >> 20) * float3(1.0 / 1023.0, 1.0 / 1023.0, 1.0 / 4095.0);
+    float3 natural = color * (0.62 + 0.55 * r.x) * float3(1.04, 1.0, 0.9 + 0.14 * r.y);
+    float3 hue = saturate(abs(frac(r.x + float3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0);
+    float3 dye = lerp(float3(1.0, 1.0, 1.0), hue, 0.15 + 0.6 * r.y * r.y) * (0.12 + 1.1 * r.z * r.z);
+    float3 dyed = dye * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
+    return rule == 0u ? color : rule == 1u ? natural : dyed;
+}
+
+// Sun with a slight wrap, sky and ground by the normal's height, a rim of sky, darker near the ground.
+float3 LightOn(float3 normal, float3 to_eye, float openness)
+{
+    float sun = saturate(dot(normal, frame.to_sun) * 0.85 + 0.15);
+    float3 hemisphere = lerp(frame.ground, frame.sky, normal.y * 0.5 + 0.5);
+    float rim = 1.0 - saturate(dot(normal, to_eye));
+    rim *= rim;
+    return frame.sun * sun + (hemisphere + frame.sky * (0.35 * rim * rim)) * openness;
+}
+
+// SV_InstanceID includes firstInstance here; the draw's firstInstance is where its list starts.
+Interpolants VSMain(uint vertex : SV_VertexID, uint instance_index : SV_InstanceID)
+{
+    Instance instance = instances[instance_index];
+    Pose pose = poses[instance.agent];
+    PackedVertex v = LoadVertex(LivingAncestor(vertex, instance.live_vertex_count));
+    Skinned skinned = SkinVertex(v, pose);
+
+    uint packed = v.tail.x;
+    float4 color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
+    color.rgb = TintedColor(LinearFromSrgb(color.rgb), pose.tint_seed, v.head.y >> 24, v.tail.w);
+
+    float3 to_eye = frame.eye - skinned.position;
+    float distance = length(to_eye);
+    to_eye /= max(distance, 1e-6);
+    float openness = 0.5 + 0.5 * saturate((skinned.position.y - pose.position.y) * 1.2);
+    float haze = HazeShare(distance, frame.haze_per_metre);
+
+    Interpolants o;
+    o.position = mul(frame.clip_from_world, float4(skinned.position, 1.0));
+    float3 front = lerp(color.rgb * LightOn(skinned.normal, to_eye, openness), frame.haze, haze);
+    o.color = float4(SrgbFromLinear(front), color.a);
+    o.color_back = 0.0;
+    if (DOUBLE_SIDED)
+    {
+        float3 back = lerp(color.rgb * LightOn(-skinned.normal, to_eye, openness), frame.haze, haze);
+        o.color_back = SrgbFromLinear(back);
+    }
+    o.uv_layer = 0.0;
+    if (TEXTURED)
+    {
+        float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
+        o.uv_layer = float3(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu));
+    }
+    return o;
+}
+
+float4 PSMain(Interpolants i, bool front_face : SV_IsFrontFace) : SV_Target
+{
+    float4 color = i.color;
+    if (DOUBLE_SIDED)
+    {
+        color.rgb = front_face ? color.rgb : i.color_back;
+    }
+    if (TEXTURED)
+    {
+        color *= albedo_texture.Sample(albedo_sampler, i.uv_layer);
+    }
+    if (ALPHA_TESTED)
+    {
+        if (color.a < draw.alpha_cutoff)
+        {
+            discard;
+        }
+    }
+    if (SRGB_TARGET)
+    {
+        color.rgb = LinearFromSrgb(color.rgb);
+    }
+    return float4(color.rgb, 1.0);
+}

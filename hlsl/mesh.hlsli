@@ -1,0 +1,122 @@
+// The vertex work of the mesh stage: window extraction, collapse, palette skinning. Twin: src/reference/mesh.rs
+// Source: Ramos et al. 2012, section 3; the bands and per-instance LOD are ours.
+
+#include "gpu_types.hlsli"
+
+[[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
+[[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
+[[vk::binding(2, 0)]] StructuredBuffer<Pose> poses;
+[[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
+[[vk::binding(1, 1)]] Texture2D<uint4> vertex_texture; // 2 texels per vertex
+[[vk::binding(2, 1)]] Texture2D<uint2> collapse_texture; // parent, collapse error
+[[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
+[[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
+
+// A vertex after window extraction and collapse, still packed.
+struct PackedVertex
+{
+    uint4 head; // position xy | position z, layer, body part | normal | uv
+    uint4 tail; // colour | joints | weights | tint rule
+};
+
+// The living ancestor of a vertex, both numbered within the submesh.
+uint LivingAncestor(uint vertex, uint live_vertex_count)
+{
+    while (vertex >= live_vertex_count)
+    {
+        uint i = draw.first_vertex + vertex;
+        vertex = collapse_texture.Load(int3(i % VERTEX_ROW_VERTICES, i / VERTEX_ROW_VERTICES, 0)).x;
+    }
+    return vertex;
+}
+
+PackedVertex LoadVertex(uint vertex)
+{
+    uint i = draw.first_vertex + vertex;
+    int x = int(i % VERTEX_ROW_VERTICES) * 2;
+    int y = int(i / VERTEX_ROW_VERTICES);
+    PackedVertex v;
+    v.head = vertex_texture.Load(int3(x, y, 0));
+    v.tail = vertex_texture.Load(int3(x + 1, y, 0));
+    return v;
+}
+
+float3 DecodePosition(PackedVertex v)
+{
+    float3 fraction = float3(v.head.x & 0xffffu, v.head.x >> 16, v.head.y & 0xffffu) * (1.0 / 65535.0);
+    return character.position_min + character.position_extent * fraction;
+}
+
+// Octahedral, signed 16-bit fractions; of unit length only after normalisation.
+float3 DecodeNormal(PackedVertex v)
+{
+    int packed = int(v.head.z);
+    float2 o = float2((packed << 16) >> 16, packed >> 16) * (1.0 / 32767.0);
+    float3 n = float3(o, 1.0 - abs(o.x) - abs(o.y));
+    float fold = max(-n.z, 0.0);
+    n.x += n.x >= 0.0 ? -fold : fold;
+    n.y += n.y >= 0.0 ? -fold : fold;
+    return n;
+}
+
+float4 DecodeWeights(PackedVertex v)
+{
+    float4 w;
+    w.y = float(v.tail.z & 0x7ffu) * (0.5 / 2047.0);
+    w.z = float((v.tail.z >> 11) & 0x7ffu) * (1.0 / 3.0 / 2047.0);
+    w.w = float(v.tail.z >> 22) * (0.25 / 1023.0);
+    w.x = 1.0 - w.y - w.z - w.w;
+    return w;
+}
+
+struct Skinned
+{
+    float3 position; // world
+    float3 normal; // world, unit length
+};
+
+// Linear blend skinning with the instance's influences and frames, then the agent's place.
+Skinned SkinVertex(PackedVertex v, Pose pose)
+{
+    float4 weights = DecodeWeights(v);
+    float4 row0 = 0.0;
+    float4 row1 = 0.0;
+    float4 row2 = 0.0;
+    float sum = 0.0;
+    for (uint j = 0u; j < pose.influence_count; j++)
+    {
+        uint joint = (v.tail.y >> (8u * j)) & 0xffu;
+        float weight = j == 0u ? weights.x : j == 1u ? weights.y : j == 2u ? weights.z : weights.w;
+        sum += weight;
+        for (uint s = 0u; s < pose.sample_count; s++)
+        {
+            uint entry = (s == 0u ? pose.sample_entries.x : s == 1u ? pose.sample_entries.y
+                : s == 2u ? pose.sample_entries.z : pose.sample_entries.w) + joint;
+            float share = weight * (s == 0u ? pose.sample_weights.x : s == 1u ? pose.sample_weights.y
+                : s == 2u ? pose.sample_weights.z : pose.sample_weights.w);
+            int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
+            int y = int(entry / PALETTE_ROW_ENTRIES);
+            row0 += share * palette_texture.Load(int3(x, y, 0));
+            row1 += share * palette_texture.Load(int3(x + 1, y, 0));
+            row2 += share * palette_texture.Load(int3(x + 2, y, 0));
+        }
+    }
+    float4 bind = float4(DecodePosition(v), 1.0);
+    float3 normal = DecodeNormal(v);
+    // Influences that were left out leave their weight to the others.
+    float3 model = float3(dot(row0, bind), dot(row1, bind), dot(row2, bind)) / sum;
+    float3 n = float3(dot(row0.xyz, normal), dot(row1.xyz, normal), dot(row2.xyz, normal));
+    float scale = sqrt(pose.heading_cos * pose.heading_cos + pose.heading_sin * pose.heading_sin);
+
+    Skinned result;
+    result.position = pose.position + float3(
+        pose.heading_cos * model.x + pose.heading_sin * model.z,
+        scale * model.y,
+        pose.heading_cos * model.z - pose.heading_sin * model.x);
+    n = float3(
+        pose.heading_cos * n.x + pose.heading_sin * n.z,
+        scale * n.y,
+        pose.heading_cos * n.z - pose.heading_sin * n.x);
+    result.normal = n * rsqrt(max(dot(n, n), 1e-24));
+    return result;
+}

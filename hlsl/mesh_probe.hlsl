@@ -1,0 +1,20 @@
+// mesh_probe: the mesh stage's vertex work for one entry of an instance list, written to a buffer instead of drawn, so that
+// tests can compare it with the twin. Twin: src/reference/mesh.rs. Threads: one per vertex number.
+
+#include "mesh.hlsli"
+
+[[vk::binding(0, 2)]] RWStructuredBuffer<float4> probed; // position, normal; 2 per vertex
+
+[numthreads(SELECT_GROUP_SIZE, 1, 1)]
+void CSMain(uint3 thread : SV_DispatchThreadID)
+{
+    if (thread.x >= draw.probe_vertex_count)
+    {
+        return;
+    }
+    Instance instance = instances[draw.probe_instance];
+    Skinned skinned = SkinVertex(
+        LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count)), poses[instance.agent]);
+    probed[2u * thread.x] = float4(skinned.position, 1.0);
+    probed[2u * thread.x + 1u] = float4(skinned.normal, 0.0);
+}

@@ -1,0 +1,246 @@
+//! What goes into a frame and what comes out of it: agents, the view, options and the report.
+
+use glam::{Mat4, Vec3};
+use serde::Serialize;
+
+use crate::error::RenderError;
+
+/// A character that a renderer knows; given by `add_character`, in rising order from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+pub struct CharacterId(pub u32);
+
+/// One member of the crowd. World space is right-handed, +Y up, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agent {
+    /// Where its model space origin stands (for people: the ground between their feet).
+    pub position: Vec3,
+    /// Radians about +Y, counter-clockwise seen from above; 0 faces +Z.
+    pub heading: f32,
+    /// Metres per bind-space unit; greater than 0.
+    pub scale: f32,
+    /// What it looks like.
+    pub character: CharacterId,
+    /// Two clips of the character; the second only counts where `blend` is greater than 0.
+    pub clips: [u32; 2],
+    /// Time within each clip as a fraction of its duration, in [0, 1); other values wrap.
+    pub phases: [f32; 2],
+    /// Weight of the second clip, in [0, 1].
+    pub blend: f32,
+    /// Same seed, same colours.
+    pub tint_seed: u32,
+}
+
+impl Default for Agent {
+    fn default() -> Self {
+        Self {
+            position: Vec3::ZERO,
+            heading: 0.0,
+            scale: 1.0,
+            character: CharacterId(0),
+            clips: [0, 0],
+            phases: [0.0, 0.0],
+            blend: 0.0,
+            tint_seed: 0,
+        }
+    }
+}
+
+/// The camera. Clip space is Direct3D's: +Y up, depth 0 to 1; the shaders turn it over for Vulkan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Rigid; right-handed, looking along -Z.
+    pub view_from_world: Mat4,
+    /// Perspective; depth is reversed (near is 1) where [`crate::gpu::RendererDesc::reversed_depth`] says so.
+    pub clip_from_view: Mat4,
+    /// Distance of the near plane, greater than 0; distances for the level of detail are not taken below it.
+    pub near: f32,
+    /// Size of the picture in pixels; with the projection it makes pixel errors out of metres.
+    pub size_px: [u32; 2],
+}
+
+impl View {
+    /// A camera with reversed, infinite depth.
+    ///
+    /// `fov_y` is the full vertical angle in radians; `near` in metres. Looking straight up or down works.
+    pub fn perspective(eye: Vec3, target: Vec3, fov_y: f32, near: f32, size_px: [u32; 2]) -> Self {
+        let forward = (target - eye).normalize_or(Vec3::NEG_Z);
+        let up = if forward.y.abs() > 0.999 {
+            Vec3::NEG_Z
+        } else {
+            Vec3::Y
+        };
+        let aspect = size_px[0].max(1) as f32 / size_px[1].max(1) as f32;
+        Self {
+            view_from_world: Mat4::look_to_rh(eye, forward, up),
+            clip_from_view: Mat4::perspective_infinite_reverse_rh(fov_y, aspect, near),
+            near,
+            size_px,
+        }
+    }
+
+    /// Where the camera stands.
+    pub fn eye(&self) -> Vec3 {
+        self.view_from_world.inverse().w_axis.truncate()
+    }
+
+    /// World to clip space.
+    pub fn clip_from_world(&self) -> Mat4 {
+        self.clip_from_view * self.view_from_world
+    }
+
+    /// Metres that one pixel of height covers at one metre of distance: `2 tan(fov_y / 2) / height`.
+    pub fn pixel_angle(&self) -> f32 {
+        2.0 / (self.clip_from_view.y_axis.y.abs() * self.size_px[1] as f32)
+    }
+
+    pub(crate) fn validate(&self) -> Result<(), RenderError> {
+        let bad = |reason: &str| RenderError::BadOption {
+            option: "view",
+            reason: reason.into(),
+        };
+        if !(self.clip_from_world().is_finite() && self.eye().is_finite()) {
+            return Err(bad("its matrices are not finite"));
+        }
+        if !(self.near > 0.0 && self.near.is_finite()) {
+            return Err(bad("its near plane is not a distance greater than 0"));
+        }
+        if self.size_px.contains(&0) || self.clip_from_view.y_axis.y == 0.0 {
+            return Err(bad("its picture has no size"));
+        }
+        Ok(())
+    }
+}
+
+/// How a crowd is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Continuous levels of detail, one instanced indirect draw per submesh.
+    #[default]
+    Lod,
+    /// The same draws with every vertex: the finest band, all influences, all frames interpolated.
+    Full,
+    /// Full detail, one draw per agent and submesh recorded by the CPU: what crowds cost without instancing.
+    Uninstanced,
+}
+
+/// The sun, the sky and the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// Towards the sun, world space; need not be of unit length.
+    pub to_sun: Vec3,
+    /// Linear colour of sunlight.
+    pub sun: Vec3,
+    /// Linear colour of the light from straight above.
+    pub sky: Vec3,
+    /// Linear colour of the light that the ground throws back.
+    pub ground: Vec3,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            to_sun: Vec3::new(0.45, 0.8, 0.4),
+            sun: Vec3::new(0.95, 0.88, 0.76),
+            sky: Vec3::new(0.36, 0.42, 0.52),
+            ground: Vec3::new(0.20, 0.18, 0.16),
+        }
+    }
+}
+
+/// Options of one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrameOptions {
+    /// How the crowd is drawn.
+    pub method: Method,
+    /// Largest error of the level of detail in pixels of the view's height; `Lod` only, at least 0.
+    pub pixel_error: f32,
+    /// False freezes every agent in its clips' first frame without interpolation or blending (paper figure 3a).
+    pub animate: bool,
+    /// Draws the ground plane (y = 0).
+    pub ground: bool,
+    /// Draws the sky behind everything.
+    pub sky: bool,
+    /// Light.
+    pub light: Light,
+}
+
+impl Default for FrameOptions {
+    fn default() -> Self {
+        Self {
+            method: Method::Lod,
+            pixel_error: 1.0,
+            animate: true,
+            ground: true,
+            sky: true,
+            light: Light::default(),
+        }
+    }
+}
+
+impl FrameOptions {
+    pub(crate) fn validate(&self) -> Result<(), RenderError> {
+        if !(self.pixel_error >= 0.0 && self.pixel_error.is_finite()) {
+            return Err(RenderError::BadOption {
+                option: "pixel_error",
+                reason: format!("{} is not a number of at least 0", self.pixel_error),
+            });
+        }
+        let l = &self.light;
+        if !(l.to_sun.is_finite() && l.sun.is_finite() && l.sky.is_finite() && l.ground.is_finite())
+        {
+            return Err(RenderError::BadOption {
+                option: "light",
+                reason: "a colour or direction is not finite".into(),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Milliseconds of one stage.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct StageTime {
+    /// The stage's verb, as in its HLSL file, or `upload` (CPU: writing the agents).
+    pub stage: &'static str,
+    /// Milliseconds.
+    pub ms: f64,
+}
+
+/// Agents that one representation drew.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Representation {
+    /// `mesh`, or the impostor kind.
+    pub kind: &'static str,
+    /// Agents.
+    pub agents: u64,
+}
+
+/// What one frame did. Serialises to the names that reports use.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct FrameReport {
+    /// Name of the device.
+    pub device: String,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// Agents handed in.
+    pub agents: u64,
+    /// Agents whose bounds touch the frustum.
+    pub visible: u64,
+    /// Agents outside.
+    pub culled: u64,
+    /// API draw calls recorded: one per submesh of every character that has agents, plus ground and sky.
+    pub draw_calls: u64,
+    /// Instances over all submeshes: entries of the instance lists.
+    pub instances: u64,
+    /// Triangles handed to the rasteriser, before it culls any.
+    pub triangles: u64,
+    /// Sum over all instances of their live vertices.
+    pub live_vertices: u64,
+    /// Vertex shader runs of the crowd, where the device counts them.
+    pub vertex_invocations: Option<u64>,
+    /// Milliseconds by stage, in the order of the frame; GPU stages only where the device has timestamps.
+    pub stage_ms: Vec<StageTime>,
+    /// Agents by representation.
+    pub representations: Vec<Representation>,
+}

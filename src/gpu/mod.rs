@@ -1,0 +1,2 @@
+//! All of ash and all of `unsafe`.
+pub mod shaders;
