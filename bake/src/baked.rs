@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::character::{Clip, Node};
 use crate::mesh::SubmeshInfo;
@@ -48,7 +49,7 @@ pub struct Baked {
 }
 
 /// A draw: vertices, bands and the state they need.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Submesh {
     /// State that makes it a draw of its own.
     pub info: SubmeshInfo,
@@ -120,7 +121,7 @@ pub struct PaletteEntry {
 }
 
 /// A clip's frames in the palette, and bounds that hold in all of them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BakedClip {
     /// Name in the source.
     pub name: String,
@@ -143,7 +144,7 @@ pub struct BakedClip {
 }
 
 /// A body part, for colour variety.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BodyPart {
     /// Name of the source's material.
     pub name: String,
@@ -152,7 +153,7 @@ pub struct BodyPart {
 }
 
 /// How far an agent's tint may change a body part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u32)]
 pub enum Tint {
     /// Never: eyes, teeth, textured wholes.

@@ -4,6 +4,7 @@
 //! its array ([`Character::validate`] is what proves it, and every importer ends with it).
 
 use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::error::ImportError;
 
@@ -102,7 +103,7 @@ pub struct Image {
 }
 
 /// Translation, rotation, scale: applied in the order scale, rotation, translation.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
     /// In the parent's units.
     pub translation: Vec3,
@@ -127,7 +128,7 @@ impl Transform {
 }
 
 /// One transform of the hierarchy.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Node {
     /// Name in the source.
     pub name: String,
@@ -138,7 +139,7 @@ pub struct Node {
 }
 
 /// A node that vertices are bound to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Joint {
     /// Index into [`Character::nodes`].
     pub node: u32,
@@ -175,7 +176,7 @@ pub struct Track {
 }
 
 /// What a track animates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u32)]
 pub enum Property {
     /// 3 floats.
@@ -197,7 +198,7 @@ impl Property {
 }
 
 /// How a track reads between two keys.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u32)]
 pub enum Interpolation {
     /// The earlier key.

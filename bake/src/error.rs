@@ -73,6 +73,14 @@ pub enum BakeError {
         /// What is missing.
         reason: &'static str,
     },
+    /// A collapse sequence breaks its own rules: a fault of whoever made it.
+    #[error("collapse {step}: {reason}")]
+    Sequence {
+        /// Number of the collapse.
+        step: usize,
+        /// Which rule.
+        reason: &'static str,
+    },
 }
 
 /// Why a baked file could not be read or written.

@@ -7,6 +7,13 @@
 pub mod baked;
 pub mod character;
 pub mod error;
+pub mod export;
+pub mod file;
 pub mod glb;
 pub mod mesh;
+pub mod palette;
 pub mod pose;
+pub mod quantize;
+pub mod sliding_tris;
+pub mod texture;
+pub mod validate;

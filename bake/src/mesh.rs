@@ -32,7 +32,7 @@ pub struct Mesh {
 }
 
 /// What makes a submesh a draw of its own.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SubmeshInfo {
     /// For people: the materials in it.
     pub name: String,

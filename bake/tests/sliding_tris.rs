@@ -1,0 +1,179 @@
+//! Sliding-Tris order and windows: properties that must hold for any collapse sequence.
+
+mod common;
+
+use std::collections::BTreeSet;
+
+use common::{random_sequence, sheets};
+use throng_bake::mesh::{Collapse, CollapseSequence, Mesh};
+use throng_bake::sliding_tris::{BandForm, SlidingTris, ancestor, live_count, order, triangles_at};
+
+const COLLAPSED: BandForm = BandForm::Collapsed {
+    ratio: std::f32::consts::SQRT_2,
+};
+
+/// Triangles of one submesh as sets of source vertices, after the first `steps` collapses, by plain replay.
+fn replay(mesh: &Mesh, sequence: &CollapseSequence, error: f32, submesh: u8) -> BTreeSet<Vec<u32>> {
+    let mut now: Vec<u32> = (0..mesh.vertex_count() as u32).collect();
+    for s in sequence.steps.iter().filter(|s| s.error_m <= error) {
+        now.iter_mut()
+            .filter(|c| **c == s.vertex)
+            .for_each(|c| *c = s.target);
+    }
+    let corners = mesh.triangles.iter().map(|t| t.map(|v| now[v as usize]));
+    corners
+        .filter(|c| {
+            mesh.submesh[c[0] as usize] == submesh && c[0] != c[1] && c[1] != c[2] && c[2] != c[0]
+        })
+        .map(|c| c.into_iter().collect::<BTreeSet<_>>().into_iter().collect())
+        .collect()
+}
+
+fn as_sources(
+    sliding: &SlidingTris,
+    submesh: usize,
+    triangles: impl IntoIterator<Item = [u32; 3]>,
+) -> BTreeSet<Vec<u32>> {
+    let first = sliding.submeshes[submesh].first_vertex;
+    let sources = |t: [u32; 3]| {
+        t.map(|v| sliding.source_vertex[(first + v) as usize])
+            .into_iter()
+            .collect::<BTreeSet<_>>()
+    };
+    triangles
+        .into_iter()
+        .map(|t| sources(t).into_iter().collect())
+        .collect()
+}
+
+#[test]
+fn every_level_shows_the_same_triangles_as_replaying_the_collapses() {
+    let mesh = sheets(9);
+    let sequence = random_sequence(&mesh, 3);
+    let sliding = order(&mesh, &sequence, COLLAPSED).unwrap();
+    for (s, submesh) in sliding.submeshes.iter().enumerate() {
+        let collapse =
+            &sliding.collapse[submesh.first_vertex as usize..][..submesh.vertex_count as usize];
+        let band = sliding.bands[submesh.first_band as usize];
+        let full = &sliding.indices[band.first_index as usize..][..band.index_count as usize];
+        for step in (0..sequence.steps.len()).step_by(5) {
+            let error = sequence.steps[step].error_m;
+            let shown = triangles_at(collapse, full, |a, b| a == b, error);
+            assert_eq!(
+                as_sources(&sliding, s, shown),
+                replay(&mesh, &sequence, error, s as u8),
+                "at error {error}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_band_shows_what_the_full_window_shows_and_indexes_only_living_vertices() {
+    let mesh = sheets(12);
+    let sequence = random_sequence(&mesh, 5);
+    let sliding = order(&mesh, &sequence, COLLAPSED).unwrap();
+    for submesh in &sliding.submeshes {
+        let collapse =
+            &sliding.collapse[submesh.first_vertex as usize..][..submesh.vertex_count as usize];
+        let bands = &sliding.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+        assert!(bands.len() > 5, "{} bands", bands.len());
+        let window = |b: &throng_bake::baked::Band| {
+            &sliding.indices[b.first_index as usize..][..b.index_count as usize]
+        };
+        for step in (0..sequence.steps.len()).step_by(7) {
+            let live = live_count(collapse, sequence.steps[step].error_m);
+            let band = bands.iter().rev().find(|b| b.vertex_count >= live).unwrap();
+            assert!(window(band).iter().all(|&v| v < band.vertex_count));
+            let moved = |indices: &[u32]| -> BTreeSet<[u32; 3]> {
+                let corners = indices
+                    .chunks_exact(3)
+                    .map(|t| [t[0], t[1], t[2]].map(|v| ancestor(collapse, v, live)));
+                let sorted = corners
+                    .filter(|c| c[0] != c[1] && c[1] != c[2] && c[2] != c[0])
+                    .map(|mut c| {
+                        c.sort();
+                        c
+                    });
+                sorted.collect()
+            };
+            assert_eq!(
+                moved(window(band)),
+                moved(window(&bands[0])),
+                "{live} vertices alive"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_single_window_keeps_what_lives_in_a_prefix() {
+    let mesh = sheets(10);
+    let sequence = random_sequence(&mesh, 11);
+    let sliding = order(&mesh, &sequence, BandForm::SingleWindow).unwrap();
+    for submesh in &sliding.submeshes {
+        let collapse =
+            &sliding.collapse[submesh.first_vertex as usize..][..submesh.vertex_count as usize];
+        let bands = &sliding.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+        assert!(bands.iter().all(|b| b.first_index == bands[0].first_index));
+        for band in bands {
+            let alive = |t: &[u32]| {
+                let c = [t[0], t[1], t[2]].map(|v| ancestor(collapse, v, band.vertex_count));
+                c[0] != c[1] && c[1] != c[2] && c[2] != c[0]
+            };
+            let all =
+                &sliding.indices[bands[0].first_index as usize..][..bands[0].index_count as usize];
+            let (inside, outside) = all.split_at(band.index_count as usize);
+            assert!(
+                inside.chunks_exact(3).all(alive),
+                "a dead triangle in the window"
+            );
+            assert!(
+                !outside.chunks_exact(3).any(alive),
+                "a living triangle outside the window"
+            );
+        }
+    }
+}
+
+#[test]
+fn parents_come_before_their_children_and_errors_fall() {
+    let mesh = sheets(9);
+    let sliding = order(&mesh, &random_sequence(&mesh, 1), COLLAPSED).unwrap();
+    for submesh in &sliding.submeshes {
+        let collapse =
+            &sliding.collapse[submesh.first_vertex as usize..][..submesh.vertex_count as usize];
+        assert!(collapse.is_sorted_by(|a, b| a.error >= b.error));
+        let living = collapse
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c.error.is_finite());
+        assert!(
+            living.clone().count() > 70 && living.clone().all(|(v, c)| (c.parent as usize) < v)
+        );
+    }
+}
+
+#[test]
+fn a_sequence_that_breaks_its_rules_is_refused() {
+    let mesh = sheets(3);
+    let step = |vertex, target, error_m| Collapse {
+        vertex,
+        target,
+        error_m,
+    };
+    let broken = [
+        vec![step(0, 0, 0.0)],
+        vec![step(0, 99, 0.0)],
+        vec![step(0, 1, 0.0), step(0, 2, 0.0)],
+        vec![step(0, 1, 0.0), step(2, 0, 0.0)],
+        vec![step(0, 10, 0.0)],
+        vec![step(0, 1, 1.0), step(2, 1, 0.5)],
+        vec![step(0, 1, f32::NAN)],
+    ];
+    for steps in broken {
+        let sequence = CollapseSequence { steps };
+        assert!(order(&mesh, &sequence, COLLAPSED).is_err(), "{sequence:?}");
+    }
+    assert!(order(&mesh, &CollapseSequence::default(), COLLAPSED).is_ok());
+}
