@@ -10,6 +10,7 @@ pub mod error;
 pub mod export;
 pub mod file;
 pub mod glb;
+pub mod import;
 pub mod mesh;
 pub mod palette;
 pub mod pose;
