@@ -35,3 +35,5 @@ pub use frame::{
     Agent, CharacterId, FrameOptions, FrameReport, Light, Method, Representation, StageTime, View,
 };
 pub use throng_bake as bake;
+
+pub mod scene;

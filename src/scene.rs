@@ -1,0 +1,475 @@
+//! Scenes: which characters stand where, what they do, and who looks at them; read from TOML.
+//!
+//! [`Scene::load`] or [`Scene::builtin`] -> [`Scene::populate`] with the baked characters -> [`Crowd::states_at`] a time.
+//! Pure: it draws nothing, and the same scene, characters and time always give the same agents.
+//!
+//! Metres, seconds, +Y up; a heading of 0 faces +Z and grows towards +X. The ground is y = 0. Colours are linear RGB.
+
+use std::path::{Path, PathBuf};
+
+use glam::{Vec2, Vec3};
+use serde::Deserialize;
+
+mod check;
+mod crowd;
+mod motion;
+
+pub use crowd::{AgentState, Crowd, find_clip, standing_height};
+
+/// The most agents that one scene may ask for.
+pub const AGENT_LIMIT: usize = 10_000_000;
+
+/// Scenes inside the program: name and TOML.
+const BUILTIN: [(&str, &str); 3] = [
+    ("plaza", include_str!("../assets/scenes/plaza.toml")),
+    ("plaza_air", include_str!("../assets/scenes/plaza_air.toml")),
+    ("lineup", include_str!("../assets/scenes/lineup.toml")),
+];
+
+/// Why a scene could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The file could not be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is not TOML, or a key is unknown, missing or of the wrong type.
+    #[error("{}: line {line}: {reason}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// What the parser says.
+        reason: String,
+    },
+    /// A value makes no sense.
+    #[error("{}: {place}: {reason}", path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// The table and key.
+        place: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// There is no built-in scene of that name.
+    #[error("{name}: there is no such built-in scene; there are {}", builtin_names().join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+}
+
+/// A scene as its file states it, checked.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Everything random in the scene follows from it.
+    #[serde(default)]
+    pub seed: u64,
+    /// Frame F shows the time F / this.
+    #[serde(default = "default_frames_per_second")]
+    pub frames_per_second: f32,
+    /// Who may appear.
+    #[serde(rename = "character", default)]
+    pub characters: Vec<SceneCharacter>,
+    /// Groups of agents.
+    #[serde(rename = "crowd")]
+    pub crowds: Vec<SceneCrowd>,
+    /// Views; the first is the default. Without any the program frames the crowd.
+    #[serde(rename = "camera", default)]
+    pub cameras: Vec<SceneCamera>,
+    /// Sun and sky.
+    #[serde(default)]
+    pub light: SceneLight,
+    /// The ground plane; none is drawn where this is absent.
+    pub ground: Option<SceneGround>,
+}
+
+/// A character of the scene.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneCharacter {
+    /// How crowds refer to it; the source's name without folder and extension where empty.
+    #[serde(default)]
+    pub name: String,
+    /// `builtin:NAME`, or a file (baked or source) relative to the scene's folder.
+    pub source: String,
+    /// How many agents get it, relative to the others.
+    #[serde(default = "one")]
+    pub share: f32,
+    /// Scales the character to this standing height.
+    pub height: Option<f32>,
+    /// Scales the character, after `height`.
+    #[serde(default = "one")]
+    pub scale: f32,
+}
+
+/// A group of agents that are placed and move alike.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneCrowd {
+    /// Agents in `area`; left out where `positions` says it.
+    pub count: Option<u32>,
+    /// Where agents start, evenly spread.
+    pub area: Option<Area>,
+    /// One agent at each, in place of `count` and `area`; characters take turns.
+    #[serde(default)]
+    pub positions: Vec<Vec3>,
+    /// Names of the characters it consists of; all where empty.
+    #[serde(default)]
+    pub characters: Vec<String>,
+    /// What agents do; each draws one entry by share. A clip without speed stays on its spot. The character's first clip where empty.
+    #[serde(default)]
+    pub clips: Vec<SceneClip>,
+    /// How agents move.
+    #[serde(default)]
+    pub motion: Motion,
+    /// Where agents face, and walk to where they walk straight; random where absent.
+    pub heading_deg: Option<f32>,
+    /// Agents face this point (x, z) where they start, in place of `heading_deg`.
+    pub look_at: Option<Vec2>,
+    /// Agents' sizes differ by up to this fraction, up and down.
+    #[serde(default)]
+    pub size_spread: f32,
+}
+
+/// Where a crowd's agents start. Points are (x, z) on the ground.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Area {
+    /// Evenly spread, with some disorder, over a rectangle along the axes.
+    Rectangle {
+        /// Its middle.
+        #[serde(default)]
+        center: Vec2,
+        /// Extents along x and z.
+        size: Vec2,
+    },
+    /// Evenly spread, with some disorder, between two circles.
+    Ring {
+        /// Of both circles.
+        #[serde(default)]
+        center: Vec2,
+        /// 0 for a disc.
+        radius_min: f32,
+        /// Greater than `radius_min`.
+        radius_max: f32,
+    },
+    /// Rows along x, one behind the other along z; characters take turns.
+    Grid {
+        /// The grid's middle.
+        #[serde(default)]
+        center: Vec2,
+        /// Between neighbours along x and z.
+        spacing: Vec2,
+        /// Agents in a row.
+        columns: u32,
+    },
+}
+
+/// How the agents of a crowd move. Always a closed formula of time, at constant speed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// On the spot.
+    #[default]
+    Still,
+    /// Along their heading; whoever leaves the area comes back at its other side.
+    Straight,
+    /// Each along a closed path of its own, straights joined by curves, inside the area; in a ring around its centre.
+    Wander,
+}
+
+/// A clip that a crowd plays.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneClip {
+    /// Name; see [`find_clip`] for how it is looked up.
+    pub name: String,
+    /// How many agents play it, relative to the crowd's other clips.
+    #[serde(default = "one")]
+    pub share: f32,
+    /// Metres per second that agents walk at; a clip that states its ground speed plays faster or slower to fit. Where
+    /// absent they walk at the clip's ground speed.
+    pub speed: Option<f32>,
+    /// All agents stand at this time of the clip and stay there; where absent each starts somewhere and time passes.
+    pub time: Option<f32>,
+}
+
+/// A view.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneCamera {
+    /// What `--camera` calls it.
+    #[serde(default)]
+    pub name: String,
+    /// Eye.
+    #[serde(default)]
+    pub position: Vec3,
+    /// A point in the middle of the picture.
+    #[serde(default)]
+    pub target: Vec3,
+    /// Angle between the picture's lower and upper edge.
+    #[serde(default = "default_fov_y_deg")]
+    pub fov_y_deg: f32,
+    /// A flight in place of `position` and `target`: at least two keys by rising time.
+    #[serde(default)]
+    pub path: Vec<CameraKey>,
+}
+
+/// Where a flight is at some time.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraKey {
+    /// Seconds.
+    pub time: f32,
+    /// Eye.
+    pub position: Vec3,
+    /// A point in the middle of the picture.
+    pub target: Vec3,
+}
+
+/// A sun and an overcast sky that is one colour above and one below.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneLight {
+    /// Where the sun stands: 0 along +Z, 90 along +X.
+    pub sun_azimuth_deg: f32,
+    /// 0 at the horizon, 90 overhead.
+    pub sun_elevation_deg: f32,
+    /// Light of the sun on a surface that faces it.
+    pub sun_color: Vec3,
+    /// Light from above.
+    pub sky_color: Vec3,
+    /// Light from below.
+    pub ground_color: Vec3,
+    /// What is seen where nothing else is.
+    pub horizon_color: Vec3,
+}
+
+impl Default for SceneLight {
+    fn default() -> Self {
+        Self {
+            sun_azimuth_deg: 50.0,
+            sun_elevation_deg: 48.0,
+            sun_color: Vec3::new(1.15, 1.08, 0.95),
+            sky_color: Vec3::new(0.42, 0.50, 0.62),
+            ground_color: Vec3::new(0.26, 0.23, 0.20),
+            horizon_color: Vec3::new(0.66, 0.74, 0.83),
+        }
+    }
+}
+
+impl SceneLight {
+    /// Unit vector towards the sun.
+    pub fn to_sun(&self) -> Vec3 {
+        let (azimuth, elevation) = (
+            self.sun_azimuth_deg.to_radians(),
+            self.sun_elevation_deg.to_radians(),
+        );
+        Vec3::new(
+            elevation.cos() * azimuth.sin(),
+            elevation.sin(),
+            elevation.cos() * azimuth.cos(),
+        )
+    }
+}
+
+/// The plane y = 0.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneGround {
+    /// Of its surface.
+    pub color: Vec3,
+}
+
+impl Default for SceneGround {
+    fn default() -> Self {
+        Self {
+            color: Vec3::new(0.33, 0.31, 0.29),
+        }
+    }
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn default_frames_per_second() -> f32 {
+    30.0
+}
+
+fn default_fov_y_deg() -> f32 {
+    45.0
+}
+
+/// Names that [`Scene::builtin`] takes.
+pub fn builtin_names() -> Vec<&'static str> {
+    BUILTIN.iter().map(|&(name, _)| name).collect()
+}
+
+impl Scene {
+    /// Reads and checks a scene file.
+    ///
+    /// Errors: [`SceneError`], with the file, the line or table, and the reason.
+    pub fn load(path: &Path) -> Result<Self, SceneError> {
+        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Io {
+            path: path.to_path_buf(),
+            source,
+        })?;
+        Self::parse(&text, path)
+    }
+
+    /// A scene inside the program, see [`builtin_names`].
+    ///
+    /// Errors: [`SceneError::Unknown`].
+    pub fn builtin(name: &str) -> Result<Self, SceneError> {
+        match BUILTIN.iter().find(|&&(n, _)| n == name) {
+            Some(&(name, text)) => Self::parse(text, Path::new(name)),
+            None => Err(SceneError::Unknown { name: name.into() }),
+        }
+    }
+
+    /// Reads and checks a scene; `path` is for messages, and its folder is what file names are relative to.
+    ///
+    /// Errors: [`SceneError::Syntax`], [`SceneError::Invalid`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, SceneError> {
+        let mut scene: Self = toml::from_str(text).map_err(|e| {
+            let start = e.span().map_or(0, |s| s.start).min(text.len());
+            SceneError::Syntax {
+                path: path.to_path_buf(),
+                line: text.as_bytes()[..start]
+                    .iter()
+                    .filter(|&&b| b == b'\n')
+                    .count()
+                    + 1,
+                reason: e.message().trim().replace('\n', " "),
+            }
+        })?;
+        scene.resolve(path.parent().unwrap_or(Path::new("")));
+        scene
+            .check()
+            .map_err(|(place, reason)| SceneError::Invalid {
+                path: path.to_path_buf(),
+                place,
+                reason,
+            })?;
+        Ok(scene)
+    }
+
+    /// Agents of all crowds.
+    pub fn agent_count(&self) -> usize {
+        self.crowds
+            .iter()
+            .map(|c| c.positions.len() + c.count.unwrap_or(0) as usize)
+            .sum()
+    }
+
+    /// Changes the crowds' counts in proportion so that the scene has `count` agents; crowds of explicit positions keep
+    /// theirs, and the largest of the others takes what rounding leaves.
+    ///
+    /// Nothing happens in a scene where every position is explicit.
+    pub fn set_agent_count(&mut self, count: usize) {
+        let count = count.min(AGENT_LIMIT);
+        let fixed: usize = self.crowds.iter().map(|c| c.positions.len()).sum();
+        let before = self.agent_count() - fixed;
+        let wanted = count.saturating_sub(fixed);
+        let mut left = wanted;
+        for crowd in &mut self.crowds {
+            if let Some(n) = &mut crowd.count {
+                *n = (u64::from(*n) * wanted as u64 / before.max(1) as u64) as u32;
+                left = left.saturating_sub(*n as usize);
+            }
+        }
+        let largest = self.crowds.iter_mut().filter_map(|c| c.count.as_mut());
+        if let Some(n) = largest.max_by_key(|n| **n) {
+            *n += left as u32;
+        }
+    }
+
+    /// Replaces the characters by others of equal share that every crowd consists of.
+    pub fn set_characters(&mut self, sources: &[String]) {
+        self.characters = sources
+            .iter()
+            .map(|source| SceneCharacter {
+                name: stem(source),
+                source: source.clone(),
+                share: 1.0,
+                height: None,
+                scale: 1.0,
+            })
+            .collect();
+        for crowd in &mut self.crowds {
+            crowd.characters.clear();
+        }
+    }
+
+    /// Fills in names, and makes file names relative to `folder`.
+    fn resolve(&mut self, folder: &Path) {
+        for character in &mut self.characters {
+            if character.name.is_empty() {
+                character.name = stem(&character.source);
+            }
+            if !character.source.starts_with("builtin:") {
+                character.source = folder
+                    .join(&character.source)
+                    .to_string_lossy()
+                    .into_owned();
+            }
+        }
+    }
+}
+
+impl SceneCamera {
+    /// Eye and target at a time; a flight eases from key to key (Catmull-Rom) and rests at its ends.
+    pub fn at(&self, time: f32) -> (Vec3, Vec3) {
+        let keys = &self.path;
+        let (Some(first), Some(last)) = (keys.first(), keys.last()) else {
+            return (self.position, self.target);
+        };
+        if time <= first.time {
+            return (first.position, first.target);
+        }
+        if time >= last.time {
+            return (last.position, last.target);
+        }
+        let b = keys
+            .partition_point(|k| k.time <= time)
+            .clamp(1, keys.len() - 1);
+        let (k1, k2) = (&keys[b - 1], &keys[b]);
+        let (k0, k3) = (
+            &keys[b.saturating_sub(2)],
+            &keys[(b + 1).min(keys.len() - 1)],
+        );
+        let u = (time - k1.time) / (k2.time - k1.time);
+        let spline = |p0: Vec3, p1: Vec3, p2: Vec3, p3: Vec3| {
+            let (a, b) = (p2 - p0, 2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3);
+            let c = 3.0 * (p1 - p2) + p3 - p0;
+            p1 + 0.5 * u * (a + u * (b + u * c))
+        };
+        (
+            spline(k0.position, k1.position, k2.position, k3.position),
+            spline(k0.target, k1.target, k2.target, k3.target),
+        )
+    }
+}
+
+/// A character's name from its source: without `builtin:`, folder and extension.
+pub fn stem(source: &str) -> String {
+    match source.strip_prefix("builtin:") {
+        Some(name) => name.to_string(),
+        None => Path::new(source)
+            .file_stem()
+            .map_or_else(String::new, |s| s.to_string_lossy().into_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,279 @@
+use std::path::Path;
+
+use glam::Vec3;
+use throng_bake::baked::{Baked, BakedClip};
+
+use super::*;
+
+const SMALL: &str = r#"
+seed = 7
+
+[[character]]
+source = "builtin:ann"
+height = 1.8
+
+[[character]]
+name = "dog"
+source = "models/dog.glb"
+share = 0.5
+
+[[crowd]]
+count = 300
+area.rectangle = { center = [5, 0], size = [40, 20] }
+motion = "wander"
+clips = [{ name = "walk", share = 3 }, { name = "run", speed = 3.0 }]
+
+[[crowd]]
+count = 100
+characters = ["ann"]
+area.ring = { radius_min = 2, radius_max = 4 }
+look_at = [0, 0]
+
+[[crowd]]
+positions = [[1, 0, 2], [3, 0.5, 4]]
+clips = [{ name = "idle", time = 0.25 }]
+
+[[camera]]
+position = [0, 10, 30]
+"#;
+
+fn parse(text: &str) -> Result<Scene, SceneError> {
+    Scene::parse(text, Path::new("scenes/s.toml"))
+}
+
+fn character(name: &str) -> Baked {
+    let clip = |name: &str, ground_speed: f32| BakedClip {
+        name: name.into(),
+        first_frame: 0,
+        frame_count: 2,
+        duration_s: 1.0,
+        ground_speed,
+        box_min: Vec3::new(-0.5, 0.0, -0.5),
+        box_max: Vec3::new(0.5, 1.6, 0.5),
+        sphere_center: Vec3::Y,
+        sphere_radius: 1.0,
+    };
+    Baked {
+        name: name.into(),
+        clips: vec![
+            clip("Idle", 0.0),
+            clip("Man_Walk", 1.25),
+            clip("Man_Run", 3.5),
+        ],
+        ..Baked::default()
+    }
+}
+
+fn crowd(scene: &Scene) -> Crowd {
+    let (ann, dog) = (character("ann"), character("dog"));
+    scene.populate(&[&ann, &dog])
+}
+
+#[test]
+fn a_scene_reads_with_defaults_and_paths_relative_to_it() {
+    let scene = parse(SMALL).unwrap();
+    assert_eq!(scene.agent_count(), 402);
+    assert_eq!(scene.characters[0].name, "ann");
+    assert_eq!(scene.characters[1].source, "scenes/models/dog.glb");
+    assert_eq!(scene.cameras[0].fov_y_deg, 45.0);
+    assert_eq!(scene.light, SceneLight::default());
+}
+
+#[test]
+fn every_builtin_scene_reads() {
+    for name in builtin_names() {
+        let scene = Scene::builtin(name).unwrap_or_else(|e| panic!("{e}"));
+        assert!(!scene.characters.is_empty() && scene.agent_count() > 0);
+    }
+    let message = Scene::builtin("moon").unwrap_err().to_string();
+    assert!(message.contains("moon") && message.contains("plaza"));
+}
+
+/// Each fault is refused, and the message names the file, the place and what is wrong.
+#[test]
+fn faults_are_refused_with_their_place() {
+    for (from, to, expect) in [
+        ("seed = 7", "sead = 7", &["line 2", "sead"][..]),
+        ("seed = 7", "seed = ", &["line 2"]),
+        ("share = 0.5", "shares = 0.5", &["line 11", "shares"]),
+        ("share = 0.5", "share = -1", &["character 2 'dog'", "share"]),
+        ("share = 0.5", "share = inf", &["character 2 'dog'"]),
+        ("count = 300", "count = -300", &["line 14"]),
+        ("count = 300", "count = 99999999999", &["line 14"]),
+        ("count = 300", "count = 4000000000", &["10,000,000"]),
+        ("count = 300\n", "", &["crowd 1", "count"]),
+        ("size = [40, 20]", "size = [40, 0]", &["crowd 1", "area"]),
+        ("size = [40, 20]", "size = [40]", &["line 15"]),
+        ("size =", "sise =", &["line 15", "sise"]),
+        ("rectangle", "triangle", &["line 15", "triangle"]),
+        ("\"wander\"", "\"fly\"", &["line 16", "fly"]),
+        ("[\"ann\"]", "[\"bob\"]", &["crowd 2", "bob"]),
+        ("radius_max = 4", "radius_max = 1", &["crowd 2", "area"]),
+        ("speed = 3.0", "speed = nan", &["crowd 1", "run"]),
+        ("[3, 0.5, 4]", "[3, nan, 4]", &["crowd 3", "position"]),
+        ("[0, 10, 30]", "[0, 0, 0]", &["camera 1", "target"]),
+        ("position = [0, 10, 30]", "fov_y_deg = 0", &["camera 1"]),
+    ] {
+        let text = SMALL.replace(from, to);
+        assert_ne!(text, SMALL, "{from}");
+        let message = parse(&text).expect_err(to).to_string();
+        assert!(message.starts_with("scenes/s.toml: "), "{to}: {message}");
+        for part in expect {
+            assert!(message.contains(part), "{to}: {message}");
+        }
+    }
+    assert!(parse("").is_err());
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let message = Scene::load(Path::new("no/such.toml"))
+        .unwrap_err()
+        .to_string();
+    assert!(message.starts_with("no/such.toml: cannot be read"));
+}
+
+#[test]
+fn the_same_scene_gives_the_same_agents_and_another_seed_others() {
+    let mut scene = parse(SMALL).unwrap();
+    let first = crowd(&scene).states_at(3.0);
+    assert_eq!(first, crowd(&scene).states_at(3.0));
+    scene.seed += 1;
+    assert_ne!(first, crowd(&scene).states_at(3.0));
+}
+
+#[test]
+fn agents_are_where_and_who_the_scene_says() {
+    let scene = parse(SMALL).unwrap();
+    let crowd = crowd(&scene);
+    assert_eq!(crowd.warnings, [] as [&str; 0]);
+    for time in [0.0, 1.7, 1000.0] {
+        let states = crowd.states_at(time);
+        assert_eq!(states.len(), 402);
+        for s in &states[..300] {
+            assert!((s.position.x - 5.0).abs() <= 22.0 && s.position.z.abs() <= 12.0);
+            assert!(s.clip == 1 || s.clip == 2);
+        }
+        for s in &states[300..400] {
+            let r = s.position.length();
+            assert!((1.999..4.001).contains(&r) && s.character == 0);
+            let facing = Vec3::new(s.heading.sin(), 0.0, s.heading.cos());
+            assert!(
+                (facing + s.position / r).length() < 1e-4,
+                "faces the middle"
+            );
+        }
+        assert_eq!(states[401].position, Vec3::new(3.0, 0.5, 4.0));
+        assert_eq!(states[401].clip_time, 0.25);
+        for s in &states {
+            assert!((0.0..1.0).contains(&s.clip_time) && s.position.is_finite());
+            let scale = if s.character == 0 { 1.8 / 1.6 } else { 1.0 };
+            assert!((s.scale - scale).abs() < 1e-5);
+        }
+    }
+    let states = crowd.states_at(0.0);
+    assert_eq!((states[400].character, states[401].character), (0, 1));
+    let dogs = states[..300].iter().filter(|s| s.character == 1).count();
+    assert!((70..130).contains(&dogs), "a third of 300: {dogs}");
+    let runners = states[..300].iter().filter(|s| s.clip == 2).count();
+    assert!((50..100).contains(&runners), "a quarter of 300: {runners}");
+}
+
+/// Whoever walks covers the distance that the clip's feet cover in the same time.
+#[test]
+fn feet_do_not_slide() {
+    let scene = parse(SMALL).unwrap();
+    let crowd = crowd(&scene);
+    let dt = 0.001;
+    for (a, b) in crowd
+        .states_at(0.0)
+        .iter()
+        .zip(crowd.states_at(dt))
+        .take(300)
+    {
+        let ground_speed = if a.clip == 1 { 1.25 } else { 3.5 };
+        let clip_seconds = (b.clip_time - a.clip_time).rem_euclid(1.0);
+        let moved = b.position.distance(a.position);
+        assert!((moved - clip_seconds * ground_speed * a.scale).abs() < 2e-5);
+    }
+}
+
+#[test]
+fn agents_start_apart_from_each_other() {
+    let scene = parse(SMALL).unwrap();
+    let states = crowd(&scene).states_at(0.0);
+    let starts: Vec<_> = states[..300].iter().map(|s| s.position).collect();
+    // 300 on 800 square metres: 1.6 m to a neighbour on average.
+    for (i, p) in starts.iter().enumerate() {
+        let nearest = starts
+            .iter()
+            .enumerate()
+            .filter(|&(j, _)| j != i)
+            .map(|(_, q)| p.distance(*q))
+            .fold(f32::MAX, f32::min);
+        assert!((0.1..4.0).contains(&nearest), "{nearest}");
+    }
+}
+
+#[test]
+fn agent_counts_change_in_proportion() {
+    let mut scene = parse(SMALL).unwrap();
+    for count in [2, 3, 402, 1000, 100_000] {
+        scene.set_agent_count(count);
+        assert_eq!(scene.agent_count(), count);
+        assert_eq!(crowd(&scene).len(), count);
+    }
+    scene.set_agent_count(usize::MAX);
+    assert_eq!(scene.agent_count(), AGENT_LIMIT);
+}
+
+#[test]
+fn other_characters_take_every_part() {
+    let mut scene = parse(SMALL).unwrap();
+    scene.set_characters(&["a/wolf.glb".into()]);
+    let wolf = character("wolf");
+    let states = scene.populate(&[&wolf]).states_at(0.0);
+    assert_eq!(states.len(), 402);
+    assert!(states.iter().all(|s| s.character == 0));
+    assert!(scene.populate(&[]).is_empty());
+}
+
+#[test]
+fn clips_are_found_by_the_nearest_name() {
+    let names = ["Man_Walk_Carry", "Man_Walk", "Man_Idle", "walk", "Walk"];
+    let find = |n: usize, name: &str| find_clip(names[..n].iter().copied(), name);
+    assert_eq!(find(5, "Walk"), Some(4));
+    assert_eq!(find(5, "walk"), Some(3));
+    assert_eq!(find(3, "walk"), Some(1));
+    assert_eq!(find(1, "walk"), Some(0));
+    assert_eq!(find(5, "IDLE"), Some(2));
+    assert_eq!(find(5, "swim"), None);
+    let mut scene = parse(SMALL).unwrap();
+    scene.crowds[0].clips[0].name = "swim".into();
+    let warnings = crowd(&scene).warnings;
+    assert_eq!(warnings.len(), 2, "one a character: {warnings:?}");
+    assert!(warnings[0].contains("ann") && warnings[0].contains("swim"));
+}
+
+#[test]
+fn a_flight_passes_through_its_keys() {
+    let key = |time: f32, x: f32| CameraKey {
+        time,
+        position: Vec3::new(x, 1.0, 5.0),
+        target: Vec3::ZERO,
+    };
+    let camera = SceneCamera {
+        name: String::new(),
+        position: Vec3::ZERO,
+        target: Vec3::ZERO,
+        fov_y_deg: 45.0,
+        path: vec![key(0.0, 0.0), key(2.0, 4.0), key(3.0, 9.0)],
+    };
+    for k in &camera.path {
+        assert!(camera.at(k.time).0.distance(k.position) < 1e-4);
+    }
+    assert_eq!(camera.at(-1.0).0, camera.path[0].position);
+    assert_eq!(camera.at(99.0).0, camera.path[2].position);
+    let middle = camera.at(1.0).0.x;
+    assert!((1.0..3.0).contains(&middle), "{middle}");
+}
