@@ -29,11 +29,10 @@
 pub mod error;
 pub mod frame;
 pub mod gpu;
+pub mod scene;
 
 pub use error::RenderError;
 pub use frame::{
     Agent, CharacterId, FrameOptions, FrameReport, Light, Method, Representation, StageTime, View,
 };
 pub use throng_bake as bake;
-
-pub mod scene;

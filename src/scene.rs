@@ -1,6 +1,6 @@
 //! Scenes: which characters stand where, what they do, and who looks at them; read from TOML.
 //!
-//! [`Scene::load`] or [`Scene::builtin`] -> [`Scene::populate`] with the baked characters -> [`Crowd::states_at`] a time.
+//! [`Scene::load`] or [`Scene::builtin`] -> [`Scene::populate`] with the baked characters -> [`Crowd::agents_at`] a time.
 //! Pure: it draws nothing, and the same scene, characters and time always give the same agents.
 //!
 //! Metres, seconds, +Y up; a heading of 0 faces +Z and grows towards +X. The ground is y = 0. Colours are linear RGB.
@@ -10,11 +10,13 @@ use std::path::{Path, PathBuf};
 use glam::{Vec2, Vec3};
 use serde::Deserialize;
 
+use crate::frame::Light;
+
 mod check;
 mod crowd;
 mod motion;
 
-pub use crowd::{AgentState, Crowd, find_clip, standing_height};
+pub use crowd::{Crowd, find_clip, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;
@@ -88,8 +90,12 @@ pub struct Scene {
     /// Sun and sky.
     #[serde(default)]
     pub light: SceneLight,
-    /// The ground plane; none is drawn where this is absent.
-    pub ground: Option<SceneGround>,
+    /// The ground plane y = 0 is drawn.
+    #[serde(default = "yes")]
+    pub ground: bool,
+    /// The sky is drawn.
+    #[serde(default = "yes")]
+    pub sky: bool,
 }
 
 /// A character of the scene.
@@ -236,7 +242,7 @@ pub struct CameraKey {
     pub target: Vec3,
 }
 
-/// A sun and an overcast sky that is one colour above and one below.
+/// A sun, and light from all around that goes from one colour above to one below. Colours are linear RGB.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneLight {
@@ -244,58 +250,49 @@ pub struct SceneLight {
     pub sun_azimuth_deg: f32,
     /// 0 at the horizon, 90 overhead.
     pub sun_elevation_deg: f32,
-    /// Light of the sun on a surface that faces it.
+    /// Sunlight.
     pub sun_color: Vec3,
-    /// Light from above.
+    /// Light from straight above.
     pub sky_color: Vec3,
-    /// Light from below.
+    /// Light that the ground throws back.
     pub ground_color: Vec3,
-    /// What is seen where nothing else is.
-    pub horizon_color: Vec3,
 }
 
 impl Default for SceneLight {
     fn default() -> Self {
+        let light = Light::default();
         Self {
-            sun_azimuth_deg: 50.0,
-            sun_elevation_deg: 48.0,
-            sun_color: Vec3::new(1.15, 1.08, 0.95),
-            sky_color: Vec3::new(0.42, 0.50, 0.62),
-            ground_color: Vec3::new(0.26, 0.23, 0.20),
-            horizon_color: Vec3::new(0.66, 0.74, 0.83),
+            sun_azimuth_deg: light.to_sun.x.atan2(light.to_sun.z).to_degrees(),
+            sun_elevation_deg: light.to_sun.normalize().y.asin().to_degrees(),
+            sun_color: light.sun,
+            sky_color: light.sky,
+            ground_color: light.ground,
         }
     }
 }
 
 impl SceneLight {
-    /// Unit vector towards the sun.
-    pub fn to_sun(&self) -> Vec3 {
+    /// As the renderer takes it.
+    pub fn to_light(&self) -> Light {
         let (azimuth, elevation) = (
             self.sun_azimuth_deg.to_radians(),
             self.sun_elevation_deg.to_radians(),
         );
-        Vec3::new(
-            elevation.cos() * azimuth.sin(),
-            elevation.sin(),
-            elevation.cos() * azimuth.cos(),
-        )
-    }
-}
-
-/// The plane y = 0.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SceneGround {
-    /// Of its surface.
-    pub color: Vec3,
-}
-
-impl Default for SceneGround {
-    fn default() -> Self {
-        Self {
-            color: Vec3::new(0.33, 0.31, 0.29),
+        Light {
+            to_sun: Vec3::new(
+                elevation.cos() * azimuth.sin(),
+                elevation.sin(),
+                elevation.cos() * azimuth.cos(),
+            ),
+            sun: self.sun_color,
+            sky: self.sky_color,
+            ground: self.ground_color,
         }
     }
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn one() -> f32 {

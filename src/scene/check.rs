@@ -72,7 +72,7 @@ impl Scene {
             }
         }
         let l = &self.light;
-        let colors = [l.sun_color, l.sky_color, l.ground_color, l.horizon_color];
+        let colors = [l.sun_color, l.sky_color, l.ground_color];
         require(
             colors
                 .iter()
@@ -81,12 +81,6 @@ impl Scene {
                 && l.sun_elevation_deg.is_finite(),
             "light",
             "a colour is negative, or a value is not finite",
-        )?;
-        require(
-            self.ground
-                .is_none_or(|g| g.color.is_finite() && g.color.min_element() >= 0.0),
-            "ground",
-            "`color` is negative or not finite",
         )
     }
 

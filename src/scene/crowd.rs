@@ -7,26 +7,9 @@ use rayon::prelude::*;
 use throng_bake::baked::{Baked, BakedClip};
 
 use super::motion::{Random, Rect, Walk, heading_of};
-use super::{Area, Motion, Scene, SceneClip, SceneCrowd};
+use crate::frame::{Agent, CharacterId};
 
-/// An agent at a time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AgentState {
-    /// Between its feet.
-    pub position: Vec3,
-    /// Radians; 0 faces +Z, grows towards +X.
-    pub heading: f32,
-    /// Model units to metres.
-    pub scale: f32,
-    /// Index into the characters that [`Scene::populate`] was given.
-    pub character: u32,
-    /// Index into that character's clips.
-    pub clip: u32,
-    /// From 0 to the clip's duration.
-    pub clip_time: f32,
-    /// For colour variety.
-    pub tint_seed: u32,
-}
+use super::{Area, Motion, Scene, SceneClip, SceneCrowd};
 
 /// Everything about a scene's agents that does not change with time.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,14 +25,14 @@ struct Walker {
     height: f32,
     /// Metres per second.
     speed: f32,
-    /// Seconds of the clip per second.
+    /// Fraction of the clip per second.
     rate: f32,
-    duration: f32,
-    start: AgentState,
+    start: Agent,
 }
 
 impl Scene {
-    /// Places and casts all agents. `characters[i]` is the baked `self.characters[i]`.
+    /// Places and casts all agents. `characters[i]` is the baked `self.characters[i]`, and its [`CharacterId`] is i: so a
+    /// renderer has to be given exactly these characters in this order.
     ///
     /// Nobody is placed where there are no characters.
     pub fn populate(&self, characters: &[&Baked]) -> Crowd {
@@ -108,22 +91,25 @@ impl Scene {
                 _ => pace(group.motion, stated, clip, scale),
             };
             let duration = clip.map_or(0.0, |c| c.duration_s);
-            let phase = random.unit() * duration;
+            let phase = match stated.and_then(|c| c.time) {
+                Some(time) => wrap(time / duration.max(f32::MIN_POSITIVE)),
+                None => random.unit(),
+            };
             let ground = Vec2::new(position.x, position.z);
             let walk = places.walk(group, ground, heading, speed, random);
             crowd.agents.push(Walker {
                 walk,
                 height: position.y,
                 speed,
-                rate,
-                duration,
-                start: AgentState {
+                rate: rate / duration.max(f32::MIN_POSITIVE),
+                start: Agent {
                     position,
                     heading,
                     scale,
-                    character: cast[who] as u32,
-                    clip: clip_index as u32,
-                    clip_time: stated.and_then(|c| c.time).unwrap_or(phase),
+                    character: CharacterId(cast[who] as u32),
+                    clips: [clip_index as u32; 2],
+                    phases: [phase; 2],
+                    blend: 0.0,
                     tint_seed: (random.next_u64() >> 32) as u32,
                 },
             });
@@ -143,26 +129,27 @@ impl Crowd {
     }
 
     /// All agents at `time` seconds, always in the same order. Cost: some 100 ns an agent, on all cores.
-    pub fn states_at(&self, time: f32) -> Vec<AgentState> {
+    pub fn agents_at(&self, time: f32) -> Vec<Agent> {
         self.agents.par_iter().map(|a| a.at(time)).collect()
     }
 }
 
 impl Walker {
-    fn at(&self, time: f32) -> AgentState {
+    fn at(&self, time: f32) -> Agent {
         let (ground, heading) = self.walk.at(self.speed * time);
-        let clip_time = self.start.clip_time + self.rate * time;
-        AgentState {
+        Agent {
             position: Vec3::new(ground.x, self.height, ground.y),
             heading,
-            clip_time: if self.duration > 0.0 {
-                clip_time.rem_euclid(self.duration)
-            } else {
-                0.0
-            },
+            phases: [wrap(self.start.phases[0] + self.rate * time); 2],
             ..self.start
         }
     }
+}
+
+/// The fraction of a number; 0 where it has none.
+fn wrap(x: f32) -> f32 {
+    let fraction = x.rem_euclid(1.0);
+    if fraction < 1.0 { fraction } else { 0.0 }
 }
 
 /// Speed over the ground and clip seconds per second: feet do not slide where the clip states its ground speed.

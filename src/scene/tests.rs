@@ -136,10 +136,10 @@ fn a_missing_file_is_named() {
 #[test]
 fn the_same_scene_gives_the_same_agents_and_another_seed_others() {
     let mut scene = parse(SMALL).unwrap();
-    let first = crowd(&scene).states_at(3.0);
-    assert_eq!(first, crowd(&scene).states_at(3.0));
+    let first = crowd(&scene).agents_at(3.0);
+    assert_eq!(first, crowd(&scene).agents_at(3.0));
     scene.seed += 1;
-    assert_ne!(first, crowd(&scene).states_at(3.0));
+    assert_ne!(first, crowd(&scene).agents_at(3.0));
 }
 
 #[test]
@@ -148,15 +148,15 @@ fn agents_are_where_and_who_the_scene_says() {
     let crowd = crowd(&scene);
     assert_eq!(crowd.warnings, [] as [&str; 0]);
     for time in [0.0, 1.7, 1000.0] {
-        let states = crowd.states_at(time);
+        let states = crowd.agents_at(time);
         assert_eq!(states.len(), 402);
         for s in &states[..300] {
             assert!((s.position.x - 5.0).abs() <= 22.0 && s.position.z.abs() <= 12.0);
-            assert!(s.clip == 1 || s.clip == 2);
+            assert!(s.clips[0] == 1 || s.clips[0] == 2);
         }
         for s in &states[300..400] {
             let r = s.position.length();
-            assert!((1.999..4.001).contains(&r) && s.character == 0);
+            assert!((1.999..4.001).contains(&r) && s.character.0 == 0);
             let facing = Vec3::new(s.heading.sin(), 0.0, s.heading.cos());
             assert!(
                 (facing + s.position / r).length() < 1e-4,
@@ -164,18 +164,18 @@ fn agents_are_where_and_who_the_scene_says() {
             );
         }
         assert_eq!(states[401].position, Vec3::new(3.0, 0.5, 4.0));
-        assert_eq!(states[401].clip_time, 0.25);
+        assert_eq!(states[401].phases[0], 0.25);
         for s in &states {
-            assert!((0.0..1.0).contains(&s.clip_time) && s.position.is_finite());
-            let scale = if s.character == 0 { 1.8 / 1.6 } else { 1.0 };
+            assert!((0.0..1.0).contains(&s.phases[0]) && s.position.is_finite());
+            let scale = if s.character.0 == 0 { 1.8 / 1.6 } else { 1.0 };
             assert!((s.scale - scale).abs() < 1e-5);
         }
     }
-    let states = crowd.states_at(0.0);
-    assert_eq!((states[400].character, states[401].character), (0, 1));
-    let dogs = states[..300].iter().filter(|s| s.character == 1).count();
+    let states = crowd.agents_at(0.0);
+    assert_eq!((states[400].character.0, states[401].character.0), (0, 1));
+    let dogs = states[..300].iter().filter(|s| s.character.0 == 1).count();
     assert!((70..130).contains(&dogs), "a third of 300: {dogs}");
-    let runners = states[..300].iter().filter(|s| s.clip == 2).count();
+    let runners = states[..300].iter().filter(|s| s.clips[0] == 2).count();
     assert!((50..100).contains(&runners), "a quarter of 300: {runners}");
 }
 
@@ -186,13 +186,13 @@ fn feet_do_not_slide() {
     let crowd = crowd(&scene);
     let dt = 0.001;
     for (a, b) in crowd
-        .states_at(0.0)
+        .agents_at(0.0)
         .iter()
-        .zip(crowd.states_at(dt))
+        .zip(crowd.agents_at(dt))
         .take(300)
     {
-        let ground_speed = if a.clip == 1 { 1.25 } else { 3.5 };
-        let clip_seconds = (b.clip_time - a.clip_time).rem_euclid(1.0);
+        let ground_speed = if a.clips[0] == 1 { 1.25 } else { 3.5 };
+        let clip_seconds = (b.phases[0] - a.phases[0]).rem_euclid(1.0);
         let moved = b.position.distance(a.position);
         assert!((moved - clip_seconds * ground_speed * a.scale).abs() < 2e-5);
     }
@@ -201,7 +201,7 @@ fn feet_do_not_slide() {
 #[test]
 fn agents_start_apart_from_each_other() {
     let scene = parse(SMALL).unwrap();
-    let states = crowd(&scene).states_at(0.0);
+    let states = crowd(&scene).agents_at(0.0);
     let starts: Vec<_> = states[..300].iter().map(|s| s.position).collect();
     // 300 on 800 square metres: 1.6 m to a neighbour on average.
     for (i, p) in starts.iter().enumerate() {
@@ -232,9 +232,9 @@ fn other_characters_take_every_part() {
     let mut scene = parse(SMALL).unwrap();
     scene.set_characters(&["a/wolf.glb".into()]);
     let wolf = character("wolf");
-    let states = scene.populate(&[&wolf]).states_at(0.0);
+    let states = scene.populate(&[&wolf]).agents_at(0.0);
     assert_eq!(states.len(), 402);
-    assert!(states.iter().all(|s| s.character == 0));
+    assert!(states.iter().all(|s| s.character.0 == 0));
     assert!(scene.populate(&[]).is_empty());
 }
 
