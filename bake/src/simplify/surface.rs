@@ -1,0 +1,239 @@
+//! The mesh while it is being simplified: points, their wedges, their triangles, and where they are in every pose.
+
+use std::collections::HashMap;
+
+use crate::mesh::{CollapseSequence, Mesh};
+use crate::pose;
+
+use super::poses::PoseSet;
+
+/// Poses are computed on in groups of this many; the last group is filled up with poses of weight 0.
+pub(super) const LANES: usize = 4;
+
+/// A triangle: its wedges and, the same corners, their points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Face {
+    pub wedges: [u32; 3],
+    pub points: [u32; 3],
+    pub alive: bool,
+}
+
+impl Face {
+    pub fn has(&self, point: u32) -> bool {
+        self.points.contains(&point)
+    }
+
+    /// The wedge at `point`, which must be a corner.
+    pub fn wedge_at(&self, point: u32) -> u32 {
+        let corner = self.points.iter().position(|&p| p == point);
+        self.wedges[corner.unwrap_or(0)]
+    }
+}
+
+/// Points and their neighbourhoods. Lengths are in shares of the character's size, so that constants hold for any unit.
+pub(super) struct Surface<'a> {
+    pub mesh: &'a Mesh,
+    /// Poses, a multiple of [`LANES`].
+    pub pose_count: usize,
+    /// Sums to 1 over `[pose_count]`.
+    pub pose_weights: Vec<f32>,
+    /// `[point][3][pose_count]`.
+    posed: Vec<f32>,
+    /// Bind-space units in one unit of this surface.
+    pub unit: f32,
+    pub faces: Vec<Face>,
+    pub faces_of: Vec<Vec<u32>>,
+    /// Living wedges of each point; none for a dead one.
+    pub wedges_of: Vec<Vec<u32>>,
+    pub point_of_wedge: Vec<u32>,
+    /// Points of other pieces that this one may contract with.
+    pub links: Vec<Vec<u32>>,
+    /// Area of each face as it is now, mean over the poses.
+    pub areas: Vec<f32>,
+    pub sequence: CollapseSequence,
+}
+
+impl<'a> Surface<'a> {
+    pub fn new(mesh: &'a Mesh, poses: &PoseSet) -> Self {
+        let (point_of_wedge, wedges_of) = points(mesh);
+        let pose_count = poses.poses.len().next_multiple_of(LANES);
+        let mut pose_weights: Vec<f32> = poses.poses.iter().map(|p| p.weight).collect();
+        pose_weights.resize(pose_count, 0.0);
+
+        let mut posed = vec![0.0; wedges_of.len() * 3 * pose_count];
+        for (point, wedges) in wedges_of.iter().enumerate() {
+            let w = wedges[0] as usize;
+            let joints = mesh.joints[w].map(u16::from);
+            let out = &mut posed[point * 3 * pose_count..][..3 * pose_count];
+            for k in 0..pose_count {
+                let palette = &poses.poses[k.min(poses.poses.len() - 1)].palette;
+                let p = pose::skin(palette, joints, mesh.weights[w], mesh.positions[w]);
+                (out[k], out[pose_count + k], out[2 * pose_count + k]) = (p.x, p.y, p.z);
+            }
+        }
+        let faces: Vec<Face> = mesh
+            .triangles
+            .iter()
+            .map(|&wedges| Face {
+                wedges,
+                points: wedges.map(|w| point_of_wedge[w as usize]),
+                alive: true,
+            })
+            .collect();
+        let mut faces_of = vec![Vec::new(); wedges_of.len()];
+        for (i, f) in faces.iter().enumerate() {
+            for p in f.points {
+                faces_of[p as usize].push(i as u32);
+            }
+        }
+        let mut surface = Self {
+            mesh,
+            pose_count,
+            pose_weights,
+            posed,
+            unit: 1.0,
+            faces,
+            links: vec![Vec::new(); wedges_of.len()],
+            faces_of,
+            wedges_of,
+            point_of_wedge,
+            areas: Vec::new(),
+            sequence: CollapseSequence::default(),
+        };
+        surface.scale_to_unit_size();
+        surface
+    }
+
+    /// Makes the bounding diagonal, mean over the poses, 1, and measures the faces.
+    fn scale_to_unit_size(&mut self) {
+        let n = self.pose_count;
+        let bind_area = bind_area_of(self.mesh);
+        let mut diagonal = 0.0;
+        for k in 0..n {
+            let squared: f32 = (0..3)
+                .map(|axis| {
+                    let (mut low, mut high) = (f32::MAX, f32::MIN);
+                    for p in self.posed.chunks_exact(3 * n) {
+                        low = low.min(p[axis * n + k]);
+                        high = high.max(p[axis * n + k]);
+                    }
+                    (high - low) * (high - low)
+                })
+                .sum();
+            diagonal += self.pose_weights[k] * squared.sqrt();
+        }
+        let scale = if diagonal > 0.0 && diagonal.is_finite() {
+            1.0 / diagonal
+        } else {
+            1.0
+        };
+        // Relative to the first pose's first vertex, so that a character far from its origin loses no digits.
+        for axis in 0..3 {
+            for k in 0..n {
+                let origin = self.posed[axis * n + k];
+                for p in self.posed.chunks_exact_mut(3 * n) {
+                    p[axis * n + k] = (p[axis * n + k] - origin) * scale;
+                }
+            }
+        }
+        self.areas = (self.faces.iter())
+            .map(|f| self.face_area(f.points))
+            .collect();
+        let area: f64 = self.areas.iter().map(|&a| a as f64).sum();
+        // Poses may be in other units than bind space (a skeleton scaled by 100): areas say by how much.
+        self.unit = if area > 0.0 && bind_area > 0.0 {
+            (bind_area / area).sqrt() as f32
+        } else {
+            1.0 / scale
+        };
+    }
+
+    /// Where `point` is in every pose: x, y and z, `[pose_count]` each.
+    pub fn at(&self, point: u32) -> [&[f32]; 3] {
+        let n = self.pose_count;
+        let p = &self.posed[point as usize * 3 * n..][..3 * n];
+        [&p[..n], &p[n..2 * n], &p[2 * n..]]
+    }
+
+    /// Twice the area vector of the triangle of three points in pose `k`.
+    pub fn normal(&self, points: [u32; 3], k: usize) -> [f32; 3] {
+        let [a, b, c] = points.map(|p| self.at(p).map(|x| x[k]));
+        let (u, v) = (sub(b, a), sub(c, a));
+        cross(u, v)
+    }
+
+    /// Area of the triangle of three points, mean over the poses.
+    pub fn face_area(&self, points: [u32; 3]) -> f32 {
+        (0..self.pose_count)
+            .map(|k| 0.5 * self.pose_weights[k] * length(self.normal(points, k)))
+            .sum()
+    }
+
+    /// Points that share a face with `point` or are linked to it, ascending.
+    pub fn neighbors(&self, point: u32, out: &mut Vec<u32>) {
+        out.clear();
+        for &f in &self.faces_of[point as usize] {
+            out.extend(
+                self.faces[f as usize]
+                    .points
+                    .iter()
+                    .filter(|&&p| p != point),
+            );
+        }
+        out.extend(&self.links[point as usize]);
+        out.sort_unstable();
+        out.dedup();
+    }
+}
+
+/// Groups vertices into points: the point of each vertex, and the vertices of each point.
+pub(super) fn points(mesh: &Mesh) -> (Vec<u32>, Vec<Vec<u32>>) {
+    let mut index = HashMap::new();
+    let mut wedges_of: Vec<Vec<u32>> = Vec::new();
+    let point_of_wedge = (0..mesh.vertex_count())
+        .map(|v| {
+            let position = mesh.positions[v].to_array().map(f32::to_bits);
+            let weights = mesh.weights[v].map(f32::to_bits);
+            let point = *index
+                .entry((position, mesh.joints[v], weights))
+                .or_insert(wedges_of.len() as u32);
+            if point as usize == wedges_of.len() {
+                wedges_of.push(Vec::new());
+            }
+            wedges_of[point as usize].push(v as u32);
+            point
+        })
+        .collect();
+    (point_of_wedge, wedges_of)
+}
+
+/// Area of all triangles in bind space.
+fn bind_area_of(mesh: &Mesh) -> f64 {
+    mesh.triangles
+        .iter()
+        .map(|t| {
+            let [a, b, c] = t.map(|v| mesh.positions[v as usize].as_dvec3());
+            0.5 * (b - a).cross(c - a).length()
+        })
+        .sum()
+}
+
+pub(super) fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(super) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+pub(super) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(super) fn length(a: [f32; 3]) -> f32 {
+    dot(a, a).sqrt()
+}
