@@ -4,6 +4,7 @@
 //! Data flows one way: [`import`] -> [`character::Character`] -> [`merge`] -> [`mesh::Mesh`] -> [`simplify`] ->
 //! [`mesh::CollapseSequence`] -> [`sliding_tris`] -> [`baked::Baked`] -> [`file`].
 
+pub mod bake;
 pub mod baked;
 pub mod character;
 pub mod error;
