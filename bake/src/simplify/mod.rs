@@ -107,7 +107,7 @@ struct Simplifier<'a> {
     /// Per submesh: no face before this one is alive and of the submesh.
     cursor: Vec<usize>,
     /// Greatest error so far.
-    error: f64,
+    error: f32,
     moves: Vec<WedgeMove>,
     targets: Vec<u32>,
 }
@@ -216,7 +216,13 @@ impl Simplifier<'_> {
     }
 
     fn perform(&mut self, proposal: Proposal) {
-        self.error = self.error.max(proposal.error);
+        // Errors of different points differ, if only by the last bit: any number of points can then be asked for.
+        let error = (proposal.error * self.surface.unit as f64) as f32;
+        self.error = if error > self.error || self.error == 0.0 {
+            error.max(self.error)
+        } else {
+            self.error.next_up()
+        };
         match proposal.action {
             Action::Twin { from, to } => {
                 self.retarget(proposal.point, from, to);
@@ -307,7 +313,7 @@ impl Simplifier<'_> {
         s.sequence.steps.push(Collapse {
             vertex: from,
             target: to,
-            error_m: (self.error * s.unit as f64) as f32,
+            error_m: self.error,
         });
         let point = s.point_of_wedge[from as usize];
         s.wedges_of[point as usize].retain(|&w| w != from);
