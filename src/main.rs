@@ -1,3 +1,8 @@
-//! The command line of Throng.
+//! The command line of Throng. Results go to stdout, progress and messages to stderr.
+//! Exit status: 0 all is well, 1 a check failed, 2 an error.
 
-fn main() {}
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

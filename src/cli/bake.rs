@@ -1,0 +1,151 @@
+//! `throng bake`: character files become baked files.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use serde::Serialize;
+use throng::scene::stem;
+use throng_bake::bake::BakeOptions;
+use throng_bake::file;
+
+use super::inspect::Contents;
+use super::output::{Progress, create_folder, grouped, write_json};
+use super::source;
+
+/// Bake character files: levels of detail, animation, one .throng file each
+#[derive(clap::Args)]
+#[command(
+    long_about = "Bakes character files (.glb, .gltf, .obj; or builtin:NAME): one continuous level of detail over the \
+                  whole character that holds in all of its animations, the sampled animations and their bounds. The \
+                  same input and options give the same bytes.",
+    after_help = "Examples:\n  \
+                  throng bake fox.glb -o fox.throng\n  \
+                  throng bake people/*.glb -o baked/               several: into a folder\n  \
+                  throng bake builtin:ann -o ann.throng --report ann.json"
+)]
+pub struct Arguments {
+    /// Character files, or builtin:NAME
+    #[arg(required = true)]
+    input: Vec<String>,
+    /// The file to write; a folder for several inputs
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Also write what was baked, and how long each stage took, as JSON
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    options: Options,
+}
+
+/// What a bake may be told.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Animation frames sampled per second
+    #[arg(long, value_name = "HZ", default_value_t = BakeOptions::default().frame_rate_hz)]
+    frame_rate: f32,
+    /// Largest side of a texture
+    #[arg(long, value_name = "PIXELS", default_value_t = BakeOptions::default().texture_size)]
+    texture_size: u32,
+    /// One index window for all levels, as the paper has it, in place of bands: smaller, and slower to draw
+    #[arg(long)]
+    single_window: bool,
+}
+
+impl Options {
+    /// Checked, as the library takes them.
+    pub fn to_bake_options(&self) -> Result<BakeOptions> {
+        if !(1.0..=1000.0).contains(&self.frame_rate) {
+            bail!("--frame-rate {}: it is not from 1 to 1000", self.frame_rate);
+        }
+        if !(1..=8192).contains(&self.texture_size) {
+            bail!(
+                "--texture-size {}: it is not from 1 to 8192",
+                self.texture_size
+            );
+        }
+        Ok(BakeOptions {
+            frame_rate_hz: self.frame_rate,
+            texture_size: self.texture_size,
+            single_window: self.single_window,
+            ..BakeOptions::default()
+        })
+    }
+}
+
+#[derive(Serialize)]
+struct Report {
+    input: String,
+    output: String,
+    bake_ms: f64,
+    stage_ms: Vec<Stage>,
+    #[serde(flatten)]
+    contents: Contents,
+}
+
+#[derive(Serialize)]
+struct Stage {
+    stage: &'static str,
+    ms: f64,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let options = arguments.options.to_bake_options()?;
+    let outputs = outputs(&arguments.input, &arguments.output)?;
+    let progress = Progress::default();
+    let mut reports = Vec::new();
+    for (input, output) in arguments.input.iter().zip(&outputs) {
+        let start = Instant::now();
+        let character = source::character(input, &progress)?;
+        let (baked, times) = source::bake_character(input, &character, &options, &progress)?;
+        create_folder(output.parent())?;
+        file::write(output, &baked)?;
+        let bake_ms = start.elapsed().as_secs_f64() * 1e3;
+        let contents = Contents::of(&baked);
+        println!(
+            "{}: {} triangles, {} vertices, {} levels' bands, {:.1} bytes per vertex, {:.2} s",
+            output.display(),
+            grouped(contents.triangle_count),
+            grouped(contents.vertex_count),
+            baked.bands.len(),
+            contents.bytes_per_vertex.total,
+            bake_ms / 1e3
+        );
+        let stage_ms = times.stage_ms.iter();
+        reports.push(Report {
+            input: input.clone(),
+            output: output.display().to_string(),
+            bake_ms,
+            stage_ms: stage_ms.map(|&(stage, ms)| Stage { stage, ms }).collect(),
+            contents,
+        });
+    }
+    match &arguments.report {
+        Some(path) => write_json(path, &reports),
+        None => Ok(()),
+    }
+}
+
+/// The file of each input: `output` itself for one, files in the folder `output` for several.
+fn outputs(inputs: &[String], output: &Path) -> Result<Vec<PathBuf>> {
+    let is_folder = output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
+    if let ([_], false) = (inputs, is_folder) {
+        return Ok(vec![output.to_path_buf()]);
+    }
+    if output.is_file() {
+        bail!(
+            "{}: it is a file, and several inputs need a folder",
+            output.display()
+        );
+    }
+    let mut files: Vec<PathBuf> = Vec::new();
+    for input in inputs {
+        let file = output.join(format!("{}.throng", stem(input)));
+        if files.contains(&file) {
+            bail!("{input}: another input would be written to {}, too", file.display());
+        }
+        files.push(file);
+    }
+    Ok(files)
+}

@@ -1,0 +1,287 @@
+//! `throng inspect`: what is in a baked character.
+
+use std::mem::size_of;
+
+use anyhow::Result;
+use serde::Serialize;
+use throng_bake::bake::BakeOptions;
+use throng_bake::baked::{Baked, CollapseEntry, PaletteEntry, Vertex};
+
+use super::output::{Progress, Table, grouped};
+use super::source;
+
+/// Show a baked character: submeshes, levels of detail, clips, bytes
+#[derive(clap::Args)]
+#[command(
+    long_about = "Shows what a baked character consists of: submeshes, the bands of its levels of detail with their \
+                  error, joints, clips, and the bytes of each part. A source file or builtin:NAME is baked first.",
+    after_help = "Examples:\n  throng inspect fox.throng\n  throng inspect fox.throng --json | jq .bytes_per_vertex"
+)]
+pub struct Arguments {
+    /// A baked file, a source file, or builtin:NAME
+    file: String,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let progress = Progress::default();
+    let baked = source::baked(&arguments.file, &BakeOptions::default(), &progress)?;
+    let contents = Contents::of(&baked);
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&contents)?);
+    } else {
+        print!("{contents}");
+    }
+    Ok(())
+}
+
+/// What a baked character consists of. Errors are in bind-space units, metres for most characters.
+#[derive(Serialize)]
+pub struct Contents {
+    pub name: String,
+    pub vertex_count: u64,
+    pub triangle_count: u64,
+    pub submeshes: Vec<Submesh>,
+    pub joint_count: usize,
+    pub clips: Vec<Clip>,
+    pub body_parts: Vec<String>,
+    pub texture: Texture,
+    pub error_max_m: f32,
+    pub bytes: Bytes,
+    pub bytes_per_vertex: BytesPerVertex,
+}
+
+#[derive(Serialize)]
+pub struct Submesh {
+    name: String,
+    double_sided: bool,
+    alpha_cutoff: Option<f32>,
+    vertex_count: u32,
+    bands: Vec<Band>,
+}
+
+/// A level that an index window is made for; levels between are drawn from the next finer one.
+#[derive(Serialize)]
+pub struct Band {
+    vertex_count: u32,
+    triangle_count: u32,
+    error_m: f32,
+}
+
+#[derive(Serialize)]
+pub struct Clip {
+    name: String,
+    duration_s: f32,
+    frame_count: u32,
+    ground_speed_m_per_s: f32,
+}
+
+#[derive(Serialize)]
+pub struct Texture {
+    width_px: u32,
+    height_px: u32,
+    layer_count: u32,
+}
+
+/// Bytes on the device and in the file.
+#[derive(Serialize)]
+pub struct Bytes {
+    /// Position, normal, texture coordinate, colour, body part.
+    geometry: u64,
+    /// Joints and weights.
+    skinning: u64,
+    /// Parents and collapse errors.
+    collapse: u64,
+    /// Triangles of the finest band.
+    triangles: u64,
+    /// Triangles of all other bands, and the band table.
+    bands: u64,
+    /// Sampled clips.
+    palette: u64,
+    textures: u64,
+    /// The whole file, with what only export needs.
+    file: u64,
+}
+
+/// As Ramos et al. 2012, table 2, counts them: what one vertex costs.
+#[derive(Serialize)]
+pub struct BytesPerVertex {
+    geometry: f64,
+    skinning: f64,
+    collapse: f64,
+    triangles: f64,
+    bands: f64,
+    /// All of these together.
+    pub total: f64,
+    /// The same without skinning, which the paper does not count.
+    total_without_skinning: f64,
+}
+
+impl Contents {
+    /// Counts.
+    pub fn of(baked: &Baked) -> Self {
+        let submeshes: Vec<Submesh> = baked
+            .submeshes
+            .iter()
+            .map(|s| Submesh {
+                name: s.info.name.clone(),
+                double_sided: s.info.double_sided,
+                alpha_cutoff: s.info.alpha_cutoff,
+                vertex_count: s.vertex_count,
+                bands: baked
+                    .bands
+                    .iter()
+                    .skip(s.first_band as usize)
+                    .take(s.band_count as usize)
+                    .map(|b| Band {
+                        vertex_count: b.vertex_count,
+                        triangle_count: b.index_count / 3,
+                        error_m: b.error,
+                    })
+                    .collect(),
+            })
+            .collect();
+        let finest = submeshes.iter().filter_map(|s| s.bands.first());
+        let triangle_count: u64 = finest.map(|b| u64::from(b.triangle_count)).sum();
+        let vertex_count = baked.vertices.len() as u64;
+        // Indices are 16 bits wide where every submesh allows it.
+        let is_narrow = baked
+            .submeshes
+            .iter()
+            .all(|s| s.vertex_count <= 1 << 16);
+        let index_bytes: u64 = if is_narrow { 2 } else { 4 };
+        let skinning_bytes = (size_of::<[u8; 4]>() + size_of::<u32>()) as u64;
+        let triangles = 3 * triangle_count * index_bytes;
+        let bytes = Bytes {
+            geometry: vertex_count * (size_of::<Vertex>() as u64 - skinning_bytes),
+            skinning: vertex_count * skinning_bytes,
+            collapse: vertex_count * size_of::<CollapseEntry>() as u64,
+            triangles,
+            bands: baked.indices.len() as u64 * index_bytes - triangles
+                + size_of_val(&baked.bands[..]) as u64,
+            palette: (baked.palette.len() * size_of::<PaletteEntry>()) as u64,
+            textures: size_of_val(&baked.textures.pixels[..]) as u64,
+            file: throng_bake::file::to_bytes(baked).len() as u64,
+        };
+        Self {
+            name: baked.name.clone(),
+            vertex_count,
+            triangle_count,
+            submeshes,
+            joint_count: baked.joints.len(),
+            clips: baked
+                .clips
+                .iter()
+                .map(|c| Clip {
+                    name: c.name.clone(),
+                    duration_s: c.duration_s,
+                    frame_count: c.frame_count,
+                    ground_speed_m_per_s: c.ground_speed,
+                })
+                .collect(),
+            body_parts: baked.body_parts.iter().map(|b| b.name.clone()).collect(),
+            texture: Texture {
+                width_px: baked.textures.width,
+                height_px: baked.textures.height,
+                layer_count: baked.textures.layer_count,
+            },
+            error_max_m: baked.error_max,
+            bytes_per_vertex: bytes.per_vertex(vertex_count),
+            bytes,
+        }
+    }
+}
+
+impl Bytes {
+    fn per_vertex(&self, vertex_count: u64) -> BytesPerVertex {
+        let each = |bytes: u64| bytes as f64 / vertex_count.max(1) as f64;
+        let without_skinning = self.geometry + self.collapse + self.triangles + self.bands;
+        BytesPerVertex {
+            geometry: each(self.geometry),
+            skinning: each(self.skinning),
+            collapse: each(self.collapse),
+            triangles: each(self.triangles),
+            bands: each(self.bands),
+            total: each(without_skinning + self.skinning),
+            total_without_skinning: each(without_skinning),
+        }
+    }
+}
+
+impl std::fmt::Display for Contents {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "{}: {} triangles, {} vertices, {} joints",
+            self.name,
+            grouped(self.triangle_count),
+            grouped(self.vertex_count),
+            self.joint_count
+        )?;
+        if self.texture.layer_count > 0 {
+            let t = &self.texture;
+            writeln!(
+                f,
+                "texture: {} layers of {}x{}",
+                t.layer_count, t.width_px, t.height_px
+            )?;
+        }
+        writeln!(f, "body parts: {}", self.body_parts.join(", "))?;
+        for s in &self.submeshes {
+            let sides = if s.double_sided { ", both sides" } else { "" };
+            let alpha = match s.alpha_cutoff {
+                Some(a) => format!(", cut out below alpha {a}"),
+                None => String::new(),
+            };
+            writeln!(f, "\nsubmesh '{}'{sides}{alpha}", s.name)?;
+            let mut table = Table::new(["band", "vertices", "triangles", "error m"]);
+            for (i, b) in s.bands.iter().enumerate() {
+                table.row([
+                    i.to_string(),
+                    grouped(b.vertex_count.into()),
+                    grouped(b.triangle_count.into()),
+                    format!("{:.5}", b.error_m),
+                ]);
+            }
+            write!(f, "{table}")?;
+        }
+        writeln!(f)?;
+        let mut table = Table::new(["clip", "seconds", "frames", "ground speed m/s"]);
+        for c in &self.clips {
+            table.row([
+                c.name.clone(),
+                format!("{:.2}", c.duration_s),
+                c.frame_count.to_string(),
+                format!("{:.2}", c.ground_speed_m_per_s),
+            ]);
+        }
+        writeln!(f, "{table}")?;
+        let (b, v) = (&self.bytes, &self.bytes_per_vertex);
+        let mut table = Table::new(["part", "bytes", "per vertex"]);
+        for (part, bytes, each) in [
+            ("geometry", b.geometry, Some(v.geometry)),
+            ("skinning", b.skinning, Some(v.skinning)),
+            ("collapse texture", b.collapse, Some(v.collapse)),
+            ("triangles", b.triangles, Some(v.triangles)),
+            ("bands", b.bands, Some(v.bands)),
+            (
+                "mesh together",
+                b.geometry + b.skinning + b.collapse + b.triangles + b.bands,
+                Some(v.total),
+            ),
+            ("palette texture", b.palette, None),
+            ("textures", b.textures, None),
+            ("file", b.file, None),
+        ] {
+            table.row([
+                part.to_string(),
+                grouped(bytes),
+                each.map_or_else(String::new, |x| format!("{x:.1}")),
+            ]);
+        }
+        write!(f, "{table}")
+    }
+}

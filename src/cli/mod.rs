@@ -1,0 +1,65 @@
+//! Subcommands: what each one's arguments are, and the dispatch.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+mod bake;
+mod export;
+mod inspect;
+mod output;
+mod source;
+
+#[derive(Parser)]
+#[command(
+    name = "throng",
+    version,
+    about = "Draws huge animated crowds in Vulkan with a handful of draw calls",
+    long_about = "Draws huge animated crowds in Vulkan with a handful of draw calls, on a GPU or, through Mesa's \
+                  lavapipe, on two CPU cores.\n\nA character file is baked once: into continuous levels of detail that \
+                  hold in all of its animations. A scene of any number of agents is then drawn with one instanced draw \
+                  per submesh.",
+    after_help = "Try it:\n  \
+                  throng demo                                       10,000 people on a plaza, to out/demo.png\n  \
+                  throng render --character fox.glb -o fox.png      a picture of a character of your own\n  \
+                  throng bake fox.glb -o fox.throng                 bake it\n  \
+                  throng inspect fox.throng                         what its levels of detail are\n  \
+                  throng render plaza --character fox.throng --agents 5000 -o foxes.png\n\n\
+                  Exit status: 0 all is well, 1 a check failed, 2 an error."
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Bake(bake::Arguments),
+    Inspect(inspect::Arguments),
+    Export(export::Arguments),
+}
+
+/// Parses the arguments, runs the command and says what went wrong.
+pub fn main() -> ExitCode {
+    // Usage errors end the program here, with status 2.
+    let arguments = Arguments::parse();
+    let result = match &arguments.command {
+        Command::Bake(a) => bake::run(a),
+        Command::Inspect(a) => inspect::run(a),
+        Command::Export(a) => export::run(a),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        // A reader of our output that has seen enough, such as `head`, is no error.
+        Err(e)
+            if e.downcast_ref::<std::io::Error>()
+                .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) =>
+        {
+            ExitCode::SUCCESS
+        }
+        Err(e) => {
+            eprintln!("throng: {e}");
+            ExitCode::from(2)
+        }
+    }
+}
