@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let bake_ms = start.elapsed().as_secs_f64() * 1e3;
         let contents = Contents::of(&baked);
         println!(
-            "{}: {} triangles, {} vertices, {} levels' bands, {:.1} bytes per vertex, {:.2} s",
+            "{}: {} triangles, {} vertices, {} bands, {:.1} bytes per vertex, {:.2} s",
             output.display(),
             grouped(contents.triangle_count),
             grouped(contents.vertex_count),
@@ -143,7 +143,10 @@ fn outputs(inputs: &[String], output: &Path) -> Result<Vec<PathBuf>> {
     for input in inputs {
         let file = output.join(format!("{}.throng", stem(input)));
         if files.contains(&file) {
-            bail!("{input}: another input would be written to {}, too", file.display());
+            bail!(
+                "{input}: another input would be written to {}, too",
+                file.display()
+            );
         }
         files.push(file);
     }

@@ -148,10 +148,7 @@ impl Contents {
         let triangle_count: u64 = finest.map(|b| u64::from(b.triangle_count)).sum();
         let vertex_count = baked.vertices.len() as u64;
         // Indices are 16 bits wide where every submesh allows it.
-        let is_narrow = baked
-            .submeshes
-            .iter()
-            .all(|s| s.vertex_count <= 1 << 16);
+        let is_narrow = baked.submeshes.iter().all(|s| s.vertex_count <= 1 << 16);
         let index_bytes: u64 = if is_narrow { 2 } else { 4 };
         let skinning_bytes = (size_of::<[u8; 4]>() + size_of::<u32>()) as u64;
         let triangles = 3 * triangle_count * index_bytes;

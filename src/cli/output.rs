@@ -41,7 +41,8 @@ impl Progress {
 
     /// Says something to the user without tearing the bars.
     pub fn warn(&self, message: &str) {
-        self.bars.suspend(|| eprintln!("throng: warning: {message}"));
+        self.bars
+            .suspend(|| eprintln!("throng: warning: {message}"));
     }
 }
 
@@ -147,7 +148,12 @@ mod tests {
 
     #[test]
     fn numbers_are_grouped_by_thousands() {
-        for (n, text) in [(0, "0"), (999, "999"), (1000, "1,000"), (1234567, "1,234,567")] {
+        for (n, text) in [
+            (0, "0"),
+            (999, "999"),
+            (1000, "1,000"),
+            (1234567, "1,234,567"),
+        ] {
             assert_eq!(grouped(n), text);
         }
     }
