@@ -29,12 +29,12 @@
 pub mod error;
 pub mod frame;
 pub mod gpu;
-pub mod scene;
 pub mod gpu_types;
 pub mod ground;
 pub mod mesh;
 pub mod prepare;
 pub mod reference;
+pub mod scene;
 pub mod select;
 pub mod sky;
 

@@ -184,20 +184,17 @@ impl SkinningErrors {
                 .max(1);
             for frame in (0..clip.frame_count as usize).step_by(step) {
                 let palette = frame_palette(baked, clip, frame);
-                let next = frame_palette(
-                    baked,
-                    clip,
-                    (frame + 1).min(clip.frame_count as usize - 1),
-                );
+                let next =
+                    frame_palette(baked, clip, (frame + 1).min(clip.frame_count as usize - 1));
                 let exact: Vec<Vec3> = vertices
                     .iter()
                     .map(|(p, v)| skin(&palette, v, *p, 4))
                     .collect();
                 for (n, error) in influences.iter_mut().enumerate() {
-                    *error = error.max(rms(vertices
-                        .iter()
-                        .zip(&exact)
-                        .map(|((p, v), e)| skin(&palette, v, *p, n + 1).distance_squared(*e))));
+                    *error = error
+                        .max(rms(vertices.iter().zip(&exact).map(|((p, v), e)| {
+                            skin(&palette, v, *p, n + 1).distance_squared(*e)
+                        })));
                 }
                 worst = worst.max(
                     0.5 * rms(vertices
@@ -271,10 +268,7 @@ pub fn validate(baked: &Baked) -> Result<(), RenderError> {
         return bad("clips".into(), "there is none");
     }
     if baked.collapse.len() != vertex_count {
-        return bad(
-            "collapse".into(),
-            "it has not one entry for each vertex",
-        );
+        return bad("collapse".into(), "it has not one entry for each vertex");
     }
     for (i, v) in baked.vertices.iter().enumerate() {
         let layer = v.layer == Mesh::UNTEXTURED || (v.layer as u32) < baked.textures.layer_count;
@@ -353,7 +347,9 @@ pub fn validate(baked: &Baked) -> Result<(), RenderError> {
     if t.layer_count > 0 && (t.width == 0 || t.height == 0 || t.mip_count == 0) {
         return bad("textures".into(), "its layers have no size");
     }
-    if t.mip_count > 32 || t.layer_count > 254 || (t.layer_count > 0 && pixels != t.pixels.len() as u64)
+    if t.mip_count > 32
+        || t.layer_count > 254
+        || (t.layer_count > 0 && pixels != t.pixels.len() as u64)
     {
         return bad("textures".into(), "its size and its pixels differ");
     }

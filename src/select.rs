@@ -90,7 +90,11 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
     }
     c.barrier(
         Access::ComputeReadWrite,
-        &[Access::DrawRead, Access::TransferRead, Access::ComputeReadWrite],
+        &[
+            Access::DrawRead,
+            Access::TransferRead,
+            Access::ComputeReadWrite,
+        ],
     );
 }
 
@@ -105,8 +109,14 @@ mod tests {
         let planes = frustum_planes(view.clip_from_world());
         let inside = |p: Vec3| planes.iter().all(|plane| plane.dot(p.extend(1.0)) >= 0.0);
         assert!(inside(Vec3::new(0.0, 0.0, -1.0)));
-        assert!(inside(Vec3::new(0.0, 0.0, -1e6)), "the far plane is at infinity");
-        assert!(!inside(Vec3::new(0.0, 0.0, -0.05)), "nearer than the near plane");
+        assert!(
+            inside(Vec3::new(0.0, 0.0, -1e6)),
+            "the far plane is at infinity"
+        );
+        assert!(
+            !inside(Vec3::new(0.0, 0.0, -0.05)),
+            "nearer than the near plane"
+        );
         assert!(!inside(Vec3::new(0.0, 0.0, 1.0)), "behind");
         // tan(0.5) = 0.546: the edge of a field of view of 1 radian.
         assert!(inside(Vec3::new(0.54, 0.0, -1.0)));

@@ -213,11 +213,7 @@ impl<'a> Commands<'a> {
     }
 
     pub fn dispatch(&mut self, workgroups: u32) {
-        unsafe {
-            self.context
-                .device
-                .cmd_dispatch(self.cmd, workgroups, 1, 1)
-        };
+        unsafe { self.context.device.cmd_dispatch(self.cmd, workgroups, 1, 1) };
     }
 
     pub fn set_viewport(&mut self, size_px: [u32; 2]) {
@@ -307,12 +303,9 @@ impl<'a> Commands<'a> {
 
     pub fn begin_query(&mut self, pool: vk::QueryPool) {
         unsafe {
-            self.context.device.cmd_begin_query(
-                self.cmd,
-                pool,
-                0,
-                vk::QueryControlFlags::empty(),
-            )
+            self.context
+                .device
+                .cmd_begin_query(self.cmd, pool, 0, vk::QueryControlFlags::empty())
         };
     }
 

@@ -300,11 +300,15 @@ impl Headless {
     }
 
     fn renderer(&self) -> &Renderer {
-        self.renderer.as_ref().expect("only drop takes the renderer")
+        self.renderer
+            .as_ref()
+            .expect("only drop takes the renderer")
     }
 
     fn renderer_mut(&mut self) -> &mut Renderer {
-        self.renderer.as_mut().expect("only drop takes the renderer")
+        self.renderer
+            .as_mut()
+            .expect("only drop takes the renderer")
     }
 }
 
@@ -398,7 +402,11 @@ impl Target {
         let mut c = unsafe { Commands::new(&renderer.cx, core.cmd) };
         c.image_barrier(
             &self.color,
-            (L::UNDEFINED, S::ALL_TRANSFER | S::COLOR_ATTACHMENT_OUTPUT, A::NONE),
+            (
+                L::UNDEFINED,
+                S::ALL_TRANSFER | S::COLOR_ATTACHMENT_OUTPUT,
+                A::NONE,
+            ),
             (
                 L::COLOR_ATTACHMENT_OPTIMAL,
                 S::COLOR_ATTACHMENT_OUTPUT,
@@ -409,7 +417,11 @@ impl Target {
         let depth_stages = S::EARLY_FRAGMENT_TESTS | S::LATE_FRAGMENT_TESTS;
         c.image_barrier(
             &self.depth,
-            (L::UNDEFINED, depth_stages, A::DEPTH_STENCIL_ATTACHMENT_WRITE),
+            (
+                L::UNDEFINED,
+                depth_stages,
+                A::DEPTH_STENCIL_ATTACHMENT_WRITE,
+            ),
             (
                 L::DEPTH_ATTACHMENT_OPTIMAL,
                 depth_stages,

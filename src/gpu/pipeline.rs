@@ -174,8 +174,9 @@ impl Pipelines {
             .mipmap_mode(vk::SamplerMipmapMode::NEAREST)
             .max_lod(vk::LOD_CLAMP_NONE);
         // SAFETY: the context's device is alive.
-        self.sampler = unsafe { cx.device.create_sampler(&info, None) }
-            .map_err(RenderError::vulkan(cx.full_name("albedo"), "vkCreateSampler"))?;
+        self.sampler = unsafe { cx.device.create_sampler(&info, None) }.map_err(
+            RenderError::vulkan(cx.full_name("albedo"), "vkCreateSampler"),
+        )?;
         cx.set_name(self.sampler, "albedo");
         Ok(())
     }
@@ -188,8 +189,16 @@ impl Pipelines {
         let name = format!(
             "mesh{}{}{}",
             if variant.textured { " textured" } else { "" },
-            if variant.double_sided { " double-sided" } else { "" },
-            if variant.alpha_tested { " alpha-tested" } else { "" },
+            if variant.double_sided {
+                " double-sided"
+            } else {
+                ""
+            },
+            if variant.alpha_tested {
+                " alpha-tested"
+            } else {
+                ""
+            },
         );
         let pipeline = self.graphics(
             cx,
@@ -260,8 +269,7 @@ impl Pipelines {
         stages: &[vk::PipelineShaderStageCreateInfo],
     ) -> Result<vk::Pipeline, RenderError> {
         let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
-        let assembly =
-            vk::PipelineInputAssemblyStateCreateInfo::default().topology(state.topology);
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(state.topology);
         let viewport = vk::PipelineViewportStateCreateInfo::default()
             .viewport_count(1)
             .scissor_count(1);
@@ -369,8 +377,10 @@ fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
         .map_or(&[][..], |m| m.spirv);
     let info = vk::ShaderModuleCreateInfo::default().code(spirv);
     // SAFETY: build.rs compiled the words for this Vulkan version; spirv-val checks them in the tests.
-    unsafe { cx.device.create_shader_module(&info, None) }
-        .map_err(RenderError::vulkan(cx.full_name(name), "vkCreateShaderModule"))
+    unsafe { cx.device.create_shader_module(&info, None) }.map_err(RenderError::vulkan(
+        cx.full_name(name),
+        "vkCreateShaderModule",
+    ))
 }
 
 fn compute(

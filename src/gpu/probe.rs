@@ -83,7 +83,11 @@ impl Probe {
         let p = &renderer.pipelines;
         let slot = &renderer.slots[0];
         let cpu = slot.recorded.as_ref().is_some_and(|r| r.cpu.is_some());
-        let draw_set = if cpu { slot.cpu_draw_set } else { slot.draw_set };
+        let draw_set = if cpu {
+            slot.cpu_draw_set
+        } else {
+            slot.draw_set
+        };
         c.bind_pipeline(COMPUTE, p.probe);
         c.bind_set(COMPUTE, p.probe_layout, 0, draw_set);
         c.bind_set(
@@ -119,12 +123,7 @@ impl Probe {
 
     pub fn destroy(self, renderer: &Renderer) {
         // SAFETY: the caller waited for the commands; consumed, so once.
-        unsafe {
-            renderer
-                .cx
-                .device
-                .destroy_descriptor_pool(self.pool, None)
-        };
+        unsafe { renderer.cx.device.destroy_descriptor_pool(self.pool, None) };
         renderer.cx.destroy_buffer(self.output);
     }
 }

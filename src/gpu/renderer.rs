@@ -95,7 +95,6 @@ struct Garbage {
 pub(crate) struct Drawing<'a> {
     pub pipelines: &'a Pipelines,
     pub residents: &'a [Resident],
-    pub tables: &'a Tables,
     pub slot: &'a Slot,
 }
 
@@ -250,9 +249,12 @@ impl Renderer {
                 reason: "begin_frame comes first",
             });
         }
-        let capacity = self
-            .agent_capacity
-            .min(self.cx.capabilities.workgroups.saturating_mul(SELECT_GROUP_SIZE));
+        let capacity = self.agent_capacity.min(
+            self.cx
+                .capabilities
+                .workgroups
+                .saturating_mul(SELECT_GROUP_SIZE),
+        );
         if agents.len() > capacity as usize {
             return Err(RenderError::Limit {
                 object: "crowd".into(),
@@ -338,7 +340,6 @@ impl Renderer {
             let drawing = Drawing {
                 pipelines: &self.pipelines,
                 residents: &self.residents,
-                tables,
                 slot,
             };
             c.label("select", |c| crate::select::record(c, &drawing));
@@ -390,7 +391,6 @@ impl Renderer {
         let drawing = Drawing {
             pipelines: &self.pipelines,
             residents: &self.residents,
-            tables: &self.tables,
             slot,
         };
         stamp(c, slot, Stamp::DrawBegin);

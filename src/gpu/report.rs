@@ -36,9 +36,7 @@ impl Renderer {
                 selection.draws.iter().map(|d| d.instance_count).collect(),
             ),
             (None, Some(buffers)) => {
-                let mut tally: Vec<u32> = buffers
-                    .readback
-                    .read(TALLY_BINS + recorded.bins);
+                let mut tally: Vec<u32> = buffers.readback.read(TALLY_BINS + recorded.bins);
                 let counts = tally.split_off(TALLY_BINS);
                 (
                     tally[TALLY_VISIBLE] as u64,
@@ -97,9 +95,8 @@ impl Renderer {
             bytemuck::pod_collect_to_vec(&rest[..bins * size_of::<DrawCommand>()]);
         let rest = &rest[draw_bytes as usize..];
         let instance_count: u64 = draws.iter().map(|d| d.instance_count as u64).sum();
-        let mut instances: Vec<Instance> = bytemuck::pod_collect_to_vec(
-            &rest[..instance_count as usize * size_of::<Instance>()],
-        );
+        let mut instances: Vec<Instance> =
+            bytemuck::pod_collect_to_vec(&rest[..instance_count as usize * size_of::<Instance>()]);
         let rest = &rest[instance_bytes as usize..];
         let poses: Vec<Pose> =
             bytemuck::pod_collect_to_vec(&rest[..slot.agents.len() * size_of::<Pose>()]);

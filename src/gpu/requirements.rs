@@ -80,9 +80,21 @@ pub(crate) fn check(
     unsafe { instance.get_physical_device_features2(physical_device, &mut features) };
     let core = features.features;
     for (there, feature, needed_for) in [
-        (core.multi_draw_indirect, "multiDrawIndirect", "one draw call per submesh"),
-        (core.draw_indirect_first_instance, "drawIndirectFirstInstance", "instance lists"),
-        (vulkan13.dynamic_rendering, "dynamicRendering", "drawing into the host's targets"),
+        (
+            core.multi_draw_indirect,
+            "multiDrawIndirect",
+            "one draw call per submesh",
+        ),
+        (
+            core.draw_indirect_first_instance,
+            "drawIndirectFirstInstance",
+            "instance lists",
+        ),
+        (
+            vulkan13.dynamic_rendering,
+            "dynamicRendering",
+            "drawing into the host's targets",
+        ),
         (vulkan13.synchronization2, "synchronization2", "barriers"),
     ] {
         if there == vk::FALSE {
@@ -91,40 +103,93 @@ pub(crate) fn check(
     }
     let l = &p.limits;
     for (has, needs, limit, needed_for) in [
-        (l.max_per_stage_descriptor_storage_buffers, 11, "maxPerStageDescriptorStorageBuffers", "select"),
-        (l.max_compute_work_group_invocations, SCAN_GROUP_SIZE, "maxComputeWorkGroupInvocations", "select"),
-        (l.max_compute_work_group_size[0], SCAN_GROUP_SIZE, "maxComputeWorkGroupSize", "select"),
-        (l.max_image_dimension2_d, (3 * PALETTE_ROW_ENTRIES).max(2 * VERTEX_ROW_VERTICES), "maxImageDimension2D", "character textures"),
-        (l.max_bound_descriptor_sets, 3, "maxBoundDescriptorSets", "mesh"),
+        (
+            l.max_per_stage_descriptor_storage_buffers,
+            11,
+            "maxPerStageDescriptorStorageBuffers",
+            "select",
+        ),
+        (
+            l.max_compute_work_group_invocations,
+            SCAN_GROUP_SIZE,
+            "maxComputeWorkGroupInvocations",
+            "select",
+        ),
+        (
+            l.max_compute_work_group_size[0],
+            SCAN_GROUP_SIZE,
+            "maxComputeWorkGroupSize",
+            "select",
+        ),
+        (
+            l.max_image_dimension2_d,
+            (3 * PALETTE_ROW_ENTRIES).max(2 * VERTEX_ROW_VERTICES),
+            "maxImageDimension2D",
+            "character textures",
+        ),
+        (
+            l.max_bound_descriptor_sets,
+            3,
+            "maxBoundDescriptorSets",
+            "mesh",
+        ),
     ] {
         if has < needs {
-            return Err(missing(&format!("{limit} of at least {needs} (it has {has})"), needed_for));
+            return Err(missing(
+                &format!("{limit} of at least {needs} (it has {has})"),
+                needed_for,
+            ));
         }
     }
     let sampled = vk::FormatFeatureFlags::SAMPLED_IMAGE | vk::FormatFeatureFlags::TRANSFER_DST;
     for (format, wants, needed_for) in [
         (vk::Format::R32G32B32A32_UINT, sampled, "the vertex texture"),
         (vk::Format::R32G32_UINT, sampled, "the collapse texture"),
-        (vk::Format::R32G32B32A32_SFLOAT, sampled, "the palette texture"),
+        (
+            vk::Format::R32G32B32A32_SFLOAT,
+            sampled,
+            "the palette texture",
+        ),
         (
             vk::Format::R8G8B8A8_UNORM,
             sampled | vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR,
             "the texture array",
         ),
-        (color_format, vk::FormatFeatureFlags::COLOR_ATTACHMENT, "the colour target"),
-        (depth_format, vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT, "the depth target"),
+        (
+            color_format,
+            vk::FormatFeatureFlags::COLOR_ATTACHMENT,
+            "the colour target",
+        ),
+        (
+            depth_format,
+            vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT,
+            "the depth target",
+        ),
     ] {
         // SAFETY: as above.
-        let has = unsafe { instance.get_physical_device_format_properties(physical_device, format) };
+        let has =
+            unsafe { instance.get_physical_device_format_properties(physical_device, format) };
         if !has.optimal_tiling_features.contains(wants) {
-            return Err(missing(&format!("format {format:?} as {wants:?}"), needed_for));
+            return Err(missing(
+                &format!("format {format:?} as {wants:?}"),
+                needed_for,
+            ));
         }
     }
     let Some(family) = families.get(queue_family as usize) else {
-        return Err(missing(&format!("queue family {queue_family}"), "everything"));
+        return Err(missing(
+            &format!("queue family {queue_family}"),
+            "everything",
+        ));
     };
-    if !family.queue_flags.contains(vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE) {
-        return Err(missing("graphics and compute on the host's queue family", "everything"));
+    if !family
+        .queue_flags
+        .contains(vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE)
+    {
+        return Err(missing(
+            "graphics and compute on the host's queue family",
+            "everything",
+        ));
     }
     let driver_name = text(&driver.driver_name);
     let driver_info = text(&driver.driver_info);

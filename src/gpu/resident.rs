@@ -320,11 +320,7 @@ impl Upload {
         let color = vk::ImageAspectFlags::COLOR;
         use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
         let fresh = (L::UNDEFINED, S::NONE, A::NONE);
-        let filling = (
-            L::TRANSFER_DST_OPTIMAL,
-            S::ALL_TRANSFER,
-            A::TRANSFER_WRITE,
-        );
+        let filling = (L::TRANSFER_DST_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_WRITE);
         let readable = (
             L::SHADER_READ_ONLY_OPTIMAL,
             S::VERTEX_SHADER | S::FRAGMENT_SHADER | S::COMPUTE_SHADER,
@@ -368,7 +364,11 @@ impl Made<'_> {
     ) -> Result<(), RenderError> {
         let capabilities = &self.cx.capabilities;
         for (needed, limit, unit) in [
-            (size[0].max(size[1]), capabilities.image_size, "texels in a row or column"),
+            (
+                size[0].max(size[1]),
+                capabilities.image_size,
+                "texels in a row or column",
+            ),
             (layers, capabilities.image_layers, "layers"),
         ] {
             if needed > limit {
@@ -424,11 +424,7 @@ impl Made<'_> {
 impl Drop for Made<'_> {
     fn drop(&mut self) {
         // SAFETY: these objects were never handed to a command buffer; null is ignored.
-        unsafe {
-            self.cx
-                .device
-                .destroy_descriptor_pool(self.pool, None)
-        };
+        unsafe { self.cx.device.destroy_descriptor_pool(self.pool, None) };
         for image in self.images.drain(..) {
             self.cx.destroy_image(image);
         }

@@ -201,11 +201,14 @@ impl Slot {
         name: &dyn Fn(&str) -> String,
     ) -> Result<(), RenderError> {
         self.pool = descriptor_pool(cx, &name("sets"), 3, 16)?;
-        self.select_set =
-            allocate_set(cx, &name("select set"), self.pool, pipelines.select_set)?;
+        self.select_set = allocate_set(cx, &name("select set"), self.pool, pipelines.select_set)?;
         self.draw_set = allocate_set(cx, &name("draw set"), self.pool, pipelines.draw_set)?;
-        self.cpu_draw_set =
-            allocate_set(cx, &name("uninstanced draw set"), self.pool, pipelines.draw_set)?;
+        self.cpu_draw_set = allocate_set(
+            cx,
+            &name("uninstanced draw set"),
+            self.pool,
+            pipelines.draw_set,
+        )?;
         let pool = |what: &str, info: vk::QueryPoolCreateInfo| {
             // SAFETY: the context's device is alive.
             let pool = unsafe { cx.device.create_query_pool(&info, None) }.map_err(
@@ -227,9 +230,7 @@ impl Slot {
                 "statistics",
                 vk::QueryPoolCreateInfo::default()
                     .query_type(vk::QueryType::PIPELINE_STATISTICS)
-                    .pipeline_statistics(
-                        vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS,
-                    )
+                    .pipeline_statistics(vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS)
                     .query_count(1),
             )?;
         }
@@ -250,7 +251,10 @@ impl Slot {
             // Growing by half at least keeps a slowly growing crowd from making buffers every frame.
             let shape = Shape {
                 agents: shape.agents.max(if self.buffers.is_some() {
-                    self.shape.agents.saturating_add(self.shape.agents / 2).min(shape.agents.saturating_mul(2))
+                    self.shape
+                        .agents
+                        .saturating_add(self.shape.agents / 2)
+                        .min(shape.agents.saturating_mul(2))
                 } else {
                     0
                 }),
@@ -272,8 +276,17 @@ impl Slot {
             let mut select = vec![(UNIFORM, self.constants.handle)];
             select.extend(
                 [
-                    &b.agents, characters, clips, submeshes, bands, errors, &b.tally, &b.selected,
-                    &b.poses, &b.draws, &b.instances,
+                    &b.agents,
+                    characters,
+                    clips,
+                    submeshes,
+                    bands,
+                    errors,
+                    &b.tally,
+                    &b.selected,
+                    &b.poses,
+                    &b.draws,
+                    &b.instances,
                 ]
                 .map(|buffer| (STORAGE, buffer.handle)),
             );
@@ -367,7 +380,12 @@ impl Slot {
 }
 
 impl SlotBuffers {
-    fn new(cx: &Context, index: usize, shape: Shape, keep_lists: bool) -> Result<Self, RenderError> {
+    fn new(
+        cx: &Context,
+        index: usize,
+        shape: Shape,
+        keep_lists: bool,
+    ) -> Result<Self, RenderError> {
         use MemoryLocation::{CpuToGpu, GpuOnly, GpuToCpu};
         use vk::BufferUsageFlags as U;
         let [tally, draws, instances, poses] = list_bytes(shape);
@@ -379,9 +397,19 @@ impl SlotBuffers {
         let storage = U::STORAGE_BUFFER;
         let source = storage | U::TRANSFER_SRC;
         let wanted = [
-            ("agents", shape.agents as u64 * size_of::<AgentState>() as u64, storage, CpuToGpu),
+            (
+                "agents",
+                shape.agents as u64 * size_of::<AgentState>() as u64,
+                storage,
+                CpuToGpu,
+            ),
             ("tally", tally, source | U::TRANSFER_DST, GpuOnly),
-            ("selected", shape.entries() * size_of::<Selected>() as u64, storage, GpuOnly),
+            (
+                "selected",
+                shape.entries() * size_of::<Selected>() as u64,
+                storage,
+                GpuOnly,
+            ),
             ("poses", poses, source, GpuOnly),
             ("draws", draws, source | U::INDIRECT_BUFFER, GpuOnly),
             ("instances", instances, source, GpuOnly),

@@ -95,8 +95,7 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
     for j in 0..pose.influence_count as usize {
         sum += weights[j];
         for s in 0..pose.sample_count as usize {
-            let entry =
-                &baked.palette[pose.sample_entries[s] as usize + vertex.joints[j] as usize];
+            let entry = &baked.palette[pose.sample_entries[s] as usize + vertex.joints[j] as usize];
             for (row, from) in rows.iter_mut().zip(entry.rows) {
                 *row += weights[j] * pose.sample_weights[s] * Vec4::from_array(from);
             }

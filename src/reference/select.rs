@@ -96,7 +96,15 @@ fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Op
         frame.error_per_metre * distance / agent.scale
     };
     let still = frame.flags & FLAG_STILL != 0;
-    let pose = make_pose(agent, character, [clip0, clip1], heading_cos, heading_sin, lod_error, still);
+    let pose = make_pose(
+        agent,
+        character,
+        [clip0, clip1],
+        heading_cos,
+        heading_sin,
+        lod_error,
+        still,
+    );
     Some((pose, lod_error))
 }
 
@@ -160,7 +168,11 @@ fn make_pose(
     } else {
         1
     };
-    let blend = if still { 0.0 } else { agent.blend.clamp(0.0, 1.0) };
+    let blend = if still {
+        0.0
+    } else {
+        agent.blend.clamp(0.0, 1.0)
+    };
     let shares = [1.0 - blend, blend];
     let phases = [agent.phase0, agent.phase1];
     let error = (0..2)
@@ -174,7 +186,11 @@ fn make_pose(
     let mut sample_count = 0;
     for i in (0..2).filter(|&i| shares[i] > 0.0) {
         let clip = clips[i];
-        let mut position = if still { 0.0 } else { frame_position(clip, phases[i]) };
+        let mut position = if still {
+            0.0
+        } else {
+            frame_position(clip, phases[i])
+        };
         if nearest {
             position = (position + 0.5).floor();
         }
