@@ -3,6 +3,7 @@
 use glam::{Affine3A, Vec3, Vec4};
 use throng_bake::baked::{Baked, BakedClip, PaletteEntry, Vertex};
 use throng_bake::mesh::Mesh;
+use throng_bake::quantize::{decode_position, decode_weights};
 
 use crate::error::RenderError;
 use crate::gpu_types::{BandInfo, CharacterConstants, CharacterInfo, ClipInfo, SubmeshInfo};
@@ -173,7 +174,12 @@ impl SkinningErrors {
             .vertices
             .iter()
             .step_by(step)
-            .map(|v| (crate::reference::mesh::decode_position(baked, v), v))
+            .map(|v| {
+                (
+                    decode_position(v, baked.position_min, baked.position_extent),
+                    v,
+                )
+            })
             .collect();
         let mut influences = [0.0f32; 3];
         let mut nearest = Vec::with_capacity(baked.clips.len());
@@ -236,7 +242,7 @@ fn affine(entry: &PaletteEntry) -> Affine3A {
 }
 
 fn skin(palette: &[Affine3A], vertex: &Vertex, position: Vec3, influences: usize) -> Vec3 {
-    let weights = crate::reference::mesh::decode_weights(vertex.weights);
+    let weights = decode_weights(vertex.weights);
     let mut sum = Vec3::ZERO;
     let mut total = 0.0;
     for (&joint, &weight) in vertex.joints.iter().zip(&weights).take(influences) {
@@ -250,113 +256,11 @@ fn skin(palette: &[Affine3A], vertex: &Vertex, position: Vec3, influences: usize
 
 /// Checks everything that a shader or an upload relies on.
 ///
-/// Errors: [`RenderError::BadCharacter`] with the array and the reason.
+/// Errors: [`RenderError::BadCharacter`] with the place and the reason.
 pub fn validate(baked: &Baked) -> Result<(), RenderError> {
-    let bad = |place: String, reason: &str| {
-        Err(RenderError::BadCharacter {
-            character: baked.name.clone(),
-            place,
-            reason: reason.into(),
-        })
-    };
-    let vertex_count = baked.vertices.len();
-    let joint_count = baked.joints.len();
-    if vertex_count == 0 || joint_count == 0 || baked.submeshes.is_empty() {
-        return bad("character".into(), "it has no vertex, joint or submesh");
-    }
-    if baked.clips.is_empty() {
-        return bad("clips".into(), "there is none");
-    }
-    if baked.collapse.len() != vertex_count {
-        return bad("collapse".into(), "it has not one entry for each vertex");
-    }
-    for (i, v) in baked.vertices.iter().enumerate() {
-        let layer = v.layer == Mesh::UNTEXTURED || (v.layer as u32) < baked.textures.layer_count;
-        let joints = v.joints.iter().all(|&j| (j as usize) < joint_count);
-        if !layer || !joints || v.body_part as usize >= baked.body_parts.len() {
-            return bad(
-                format!("vertex {i}"),
-                "its texture layer, joint or body part does not exist",
-            );
-        }
-    }
-    for (i, s) in baked.submeshes.iter().enumerate() {
-        let place = || format!("submesh {i} '{}'", s.info.name);
-        let Some(collapse) = range(&baked.collapse, s.first_vertex, s.vertex_count) else {
-            return bad(place(), "its vertices do not exist");
-        };
-        let Some(bands) = range(&baked.bands, s.first_band, s.band_count) else {
-            return bad(place(), "its bands do not exist");
-        };
-        if collapse.is_empty() || bands.is_empty() {
-            return bad(place(), "it has no vertex or no band");
-        }
-        let mut before = f32::INFINITY;
-        for (v, c) in collapse.iter().enumerate() {
-            let alive = c.error == f32::INFINITY && c.parent as usize == v;
-            if !(alive || (c.parent as usize) < v) || !(0.0..=before).contains(&c.error) {
-                return bad(
-                    format!("{}, vertex {v}", place()),
-                    "its parent is not before it, or its collapse error rises, is negative or not a number",
-                );
-            }
-            before = c.error;
-        }
-        let mut before = s.vertex_count;
-        for (b, band) in bands.iter().enumerate() {
-            let Some(indices) = range(&baked.indices, band.first_index, band.index_count) else {
-                return bad(format!("{}, band {b}", place()), "its indices do not exist");
-            };
-            if band.vertex_count > before || band.index_count % 3 != 0 {
-                return bad(
-                    format!("{}, band {b}", place()),
-                    "it is finer than the one before it, or its indices are not triangles",
-                );
-            }
-            if indices.iter().any(|&i| i >= band.vertex_count) {
-                return bad(
-                    format!("{}, band {b}", place()),
-                    "an index names a vertex that is not alive",
-                );
-            }
-            before = band.vertex_count;
-        }
-        if bands[0].vertex_count != s.vertex_count {
-            return bad(place(), "its first band is not the full mesh");
-        }
-    }
-    for (i, c) in baked.clips.iter().enumerate() {
-        let end = (c.first_frame as u64 + c.frame_count as u64) * joint_count as u64;
-        let finite = c.box_min.is_finite()
-            && c.box_max.is_finite()
-            && c.sphere_center.is_finite()
-            && c.sphere_radius.is_finite();
-        if c.frame_count == 0 || end > baked.palette.len() as u64 || !finite {
-            return bad(
-                format!("clip {i} '{}'", c.name),
-                "its frames do not exist, or its bounds are not finite",
-            );
-        }
-    }
-    let t = &baked.textures;
-    let pixels: u64 = (0..t.mip_count.min(32))
-        .map(|m| {
-            (t.width >> m).max(1) as u64 * (t.height >> m).max(1) as u64 * t.layer_count as u64
-        })
-        .sum();
-    if t.layer_count > 0 && (t.width == 0 || t.height == 0 || t.mip_count == 0) {
-        return bad("textures".into(), "its layers have no size");
-    }
-    if t.mip_count > 32
-        || t.layer_count > 254
-        || (t.layer_count > 0 && pixels != t.pixels.len() as u64)
-    {
-        return bad("textures".into(), "its size and its pixels differ");
-    }
-    Ok(())
-}
-
-/// `first..first + count` of a slice, where it exists.
-fn range<T>(slice: &[T], first: u32, count: u32) -> Option<&[T]> {
-    slice.get(first as usize..(first as usize).checked_add(count as usize)?)
+    throng_bake::validate::validate(baked).map_err(|(place, reason)| RenderError::BadCharacter {
+        character: baked.name.clone(),
+        place,
+        reason,
+    })
 }

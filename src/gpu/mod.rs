@@ -17,5 +17,4 @@ pub use headless::{DeviceInfo, Headless, HeadlessDesc, list_devices, tune_alloca
 pub use renderer::{DeviceHandles, Renderer, RendererDesc};
 
 pub(crate) use commands::{Access, Commands};
-pub(crate) use pipeline::Pipelines;
 pub(crate) use renderer::Drawing;

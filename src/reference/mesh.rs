@@ -2,6 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use throng_bake::baked::{Baked, Vertex};
+use throng_bake::quantize::{decode_normal, decode_position, decode_weights};
 
 use crate::gpu_types::Pose;
 
@@ -64,30 +65,6 @@ pub fn living_ancestor(
     (vertex, hops)
 }
 
-/// A vertex's position in bind space.
-pub fn decode_position(baked: &Baked, vertex: &Vertex) -> Vec3 {
-    let fraction = Vec3::from(vertex.position.map(|x| x as f32)) / 65535.0;
-    baked.position_min + baked.position_extent * fraction
-}
-
-/// A vertex's normal in bind space, of any length.
-pub fn decode_normal(vertex: &Vertex) -> Vec3 {
-    let [x, y] = vertex.normal.map(|x| x as f32 / 32767.0);
-    let mut n = Vec3::new(x, y, 1.0 - x.abs() - y.abs());
-    let fold = (-n.z).max(0.0);
-    n.x += if n.x >= 0.0 { -fold } else { fold };
-    n.y += if n.y >= 0.0 { -fold } else { fold };
-    n
-}
-
-/// The four weights that a vertex's packed ones stand for.
-pub fn decode_weights(packed: u32) -> [f32; 4] {
-    let y = (packed & 0x7ff) as f32 * (0.5 / 2047.0);
-    let z = ((packed >> 11) & 0x7ff) as f32 * (1.0 / 3.0 / 2047.0);
-    let w = (packed >> 22) as f32 * (0.25 / 1023.0);
-    [1.0 - y - z - w, y, z, w]
-}
-
 fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
     let weights = decode_weights(vertex.weights);
     let mut rows = [Vec4::ZERO; 3];
@@ -101,9 +78,9 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
             }
         }
     }
-    let bind = decode_position(baked, vertex).extend(1.0);
+    let bind = decode_position(vertex, baked.position_min, baked.position_extent).extend(1.0);
     let model = Vec3::from(rows.map(|r| r.dot(bind))) / sum;
-    let normal = decode_normal(vertex);
+    let normal = decode_normal(vertex.normal);
     let normal = Vec3::from(rows.map(|r| r.truncate().dot(normal)));
     let scale = pose.heading_cos.hypot(pose.heading_sin);
     let turn = |v: Vec3| {
