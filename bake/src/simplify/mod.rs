@@ -7,9 +7,11 @@
 
 mod attributes;
 mod extract;
+mod lanes;
 mod links;
 mod poses;
 mod quadric;
+mod samples;
 mod surface;
 
 use std::cmp::Ordering;
@@ -19,11 +21,16 @@ use crate::mesh::{Collapse, CollapseSequence, Mesh};
 
 use attributes::WedgeMove;
 use quadric::Quadrics;
+use samples::Samples;
 use surface::{Surface, cross, dot, sub};
 
 pub use extract::triangles_at;
 pub use poses::{Pose, PoseSet};
 
+/// Weight of the quadrics' cost beside the measured one: it sees what samples miss, and tells equals apart.
+const QUADRIC_WEIGHT: f64 = 0.03;
+/// Targets that a point tries by measuring, the best by quadrics.
+const TRIED: usize = 3;
 /// Weight of a change of looks against a deviation of the same length.
 const LOOKS_WEIGHT: f64 = 0.1;
 /// Weight of a face that turns over, against moving it by its own size.
@@ -39,12 +46,17 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet) -> CollapseSequence {
     let mut surface = Surface::new(mesh, poses);
     links::link_pieces(&mut surface);
     let quadrics = Quadrics::new(&surface);
+    let samples = Samples::new(&surface);
+    let point_count = surface.faces_of.len();
     let mut simplifier = Simplifier {
-        stamps: vec![0; surface.faces_of.len()],
+        stamps: vec![0; point_count],
         heap: BinaryHeap::new(),
+        collapses: vec![None; point_count],
         cursor: vec![0; mesh.submeshes.len()],
         surface,
         quadrics,
+        samples,
+        dirty: vec![false; point_count],
         error: 0.0,
         moves: Vec::new(),
         targets: Vec::new(),
@@ -53,8 +65,18 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet) -> CollapseSequence {
         simplifier.propose(point);
     }
     while let Some(best) = simplifier.heap.pop() {
-        if best.stamp == simplifier.stamps[best.point as usize] {
-            simplifier.perform(best);
+        if best.stamp != simplifier.stamps[best.point as usize] {
+            continue;
+        }
+        match best.action {
+            Action::Collapse { .. } if simplifier.dirty[best.point as usize] => {
+                simplifier.propose(best.point);
+            }
+            // Faces may have grown since: then it costs more by now.
+            Action::Twin { .. } if simplifier.twin_costs_more(&best) => {
+                simplifier.enqueue(best.point);
+            }
+            _ => simplifier.perform(best),
         }
     }
     simplifier.finish()
@@ -101,7 +123,12 @@ impl PartialOrd for Proposal {
 struct Simplifier<'a> {
     surface: Surface<'a>,
     quadrics: Quadrics,
+    samples: Samples,
+    /// Per point: its proposal is from before a change next to it, and is looked at again before it is carried out.
+    dirty: Vec<bool>,
     heap: BinaryHeap<Proposal>,
+    /// Per point: its best collapse.
+    collapses: Vec<Option<(f64, f64, Action)>>,
     /// Per point: proposals with another stamp are out of date.
     stamps: Vec<u32>,
     /// Per submesh: no face before this one is alive and of the submesh.
@@ -113,20 +140,35 @@ struct Simplifier<'a> {
 }
 
 impl Simplifier<'_> {
-    /// Puts the best action of `point` into the queue.
+    /// Looks for the best collapse of `point` and puts its best action into the queue.
     fn propose(&mut self, point: u32) {
-        self.stamps[point as usize] += 1;
+        self.dirty[point as usize] = false;
         let mut targets = std::mem::take(&mut self.targets);
         self.surface.neighbors(point, &mut targets);
         let mut best: Option<(f64, f64, Action)> = None;
+        let mut choices: Vec<(f64, f64, f64, u32)> = Vec::new();
         for &target in &targets {
-            if let Some((cost, error)) = self.collapse_cost(point, target)
-                && best.is_none_or(|b| cost < b.0)
-            {
+            if let Some((cost, other, error)) = self.collapse_cost(point, target) {
+                choices.push((cost, other, error, target));
+            }
+        }
+        choices.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.3.cmp(&b.3)));
+        for &(_, other, error, target) in choices.iter().take(TRIED) {
+            let change = self.samples.try_collapse(&self.surface, point, target);
+            let cost = other + change.cost;
+            if best.is_none_or(|b| cost < b.0) {
                 best = Some((cost, error, Action::Collapse { target }));
             }
         }
         self.targets = targets;
+        self.collapses[point as usize] = best;
+        self.enqueue(point);
+    }
+
+    /// Puts the best action of `point` into the queue; the best collapse is known.
+    fn enqueue(&mut self, point: u32) {
+        self.stamps[point as usize] += 1;
+        let mut best = self.collapses[point as usize];
         if let Some(twin) = self.best_twin(point)
             && best.is_none_or(|b| twin.0 < b.0)
         {
@@ -143,8 +185,13 @@ impl Simplifier<'_> {
         }
     }
 
+    fn twin_costs_more(&self, proposal: &Proposal) -> bool {
+        self.best_twin(proposal.point)
+            .is_none_or(|twin| twin.0 > proposal.cost * (1.0 + 1e-9))
+    }
+
     /// Cost and error of moving `point` onto `target`; none where it may not.
-    fn collapse_cost(&mut self, point: u32, target: u32) -> Option<(f64, f64)> {
+    fn collapse_cost(&mut self, point: u32, target: u32) -> Option<(f64, f64, f64)> {
         let mut moves = std::mem::take(&mut self.moves);
         let allowed = attributes::wedge_moves(&self.surface, point, target, &mut moves);
         let (mut looks, mut looks_error) = (0.0, 0.0f64);
@@ -161,7 +208,8 @@ impl Simplifier<'_> {
         let flips = self.flips(point, target);
         let area = self.quadrics.areas[point as usize].max(f64::MIN_POSITIVE);
         let error = (worst / area + LOOKS_WEIGHT * looks_error * looks_error).sqrt();
-        Some((mean + LOOKS_WEIGHT * looks + FLIP_WEIGHT * flips, error))
+        let other = LOOKS_WEIGHT * looks + FLIP_WEIGHT * flips;
+        Some((mean + other, other + QUADRIC_WEIGHT * mean, error))
     }
 
     /// Area squared of the faces that turn over if `point` moves onto `target`, by the share of poses in which they do.
@@ -227,7 +275,7 @@ impl Simplifier<'_> {
             Action::Twin { from, to } => {
                 self.retarget(proposal.point, from, to);
                 self.step(from, to);
-                self.propose(proposal.point);
+                self.enqueue(proposal.point);
             }
             Action::Collapse { target } => self.collapse(proposal.point, target),
         }
@@ -242,6 +290,8 @@ impl Simplifier<'_> {
                 self.retarget(point, m.from, to);
             }
         }
+        self.samples.try_collapse(&self.surface, point, target);
+        self.samples.commit(&self.surface, point, target);
         let mut touched = Vec::new();
         let s = &mut self.surface;
         for f in std::mem::take(&mut s.faces_of[point as usize]) {
@@ -289,10 +339,10 @@ impl Simplifier<'_> {
             self.drop_bare_wedges(p, target);
         }
         self.surface.neighbors(target, &mut touched);
-        touched.push(target);
         for p in touched {
-            self.propose(p);
+            self.dirty[p as usize] = true;
         }
+        self.propose(target);
     }
 
     /// Gives the corners that `from` has at `point` to `to`.

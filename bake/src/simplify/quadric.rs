@@ -1,6 +1,7 @@
 //! Plane quadrics of every point in every pose (Garland & Heckbert 1997, summed over poses as Mohr & Gleicher 2003 do).
 
-use super::surface::{LANES, Surface, cross, dot, length, sub};
+use super::lanes::LANES;
+use super::surface::{Surface, cross, dot, length, sub};
 
 /// Coefficients of a symmetric 4x4 matrix.
 const COEFFICIENTS: usize = 10;

@@ -5,10 +5,8 @@ use std::collections::HashMap;
 use crate::mesh::{CollapseSequence, Mesh};
 use crate::pose;
 
+use super::lanes::LANES;
 use super::poses::PoseSet;
-
-/// Poses are computed on in groups of this many; the last group is filled up with poses of weight 0.
-pub(super) const LANES: usize = 4;
 
 /// A triangle: its wedges and, the same corners, their points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,7 +31,7 @@ impl Face {
 /// Points and their neighbourhoods. Lengths are in shares of the character's size, so that constants hold for any unit.
 pub(super) struct Surface<'a> {
     pub mesh: &'a Mesh,
-    /// Poses, a multiple of [`LANES`].
+    /// Poses, a multiple of [`LANES`]; the last ones may be there to fill up, with a weight of 0.
     pub pose_count: usize,
     /// Sums to 1 over `[pose_count]`.
     pub pose_weights: Vec<f32>,
@@ -153,6 +151,11 @@ impl<'a> Surface<'a> {
         let n = self.pose_count;
         let p = &self.posed[point as usize * 3 * n..][..3 * n];
         [&p[..n], &p[n..2 * n], &p[2 * n..]]
+    }
+
+    /// The same as one slice, `[3][pose_count]`.
+    pub fn posed_of(&self, point: u32) -> &[f32] {
+        &self.posed[point as usize * 3 * self.pose_count..][..3 * self.pose_count]
     }
 
     /// Twice the area vector of the triangle of three points in pose `k`.
