@@ -239,6 +239,8 @@ pub struct FrameReport {
     pub live_vertices: u64,
     /// Vertex shader runs of the crowd, where the device counts them.
     pub vertex_invocations: Option<u64>,
+    /// Milliseconds from recording to finished work; only a host that waits knows it, such as [`crate::gpu::Headless`].
+    pub frame_ms: Option<f64>,
     /// Milliseconds by stage, in the order of the frame; GPU stages only where the device has timestamps.
     pub stage_ms: Vec<StageTime>,
     /// Agents by representation.

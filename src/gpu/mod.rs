@@ -1,2 +1,20 @@
-//! All of ash and all of `unsafe`.
+//! All of ash and all of `unsafe`: the device, memory, pipelines, recording, and the offscreen host.
+
+mod commands;
+mod context;
+mod headless;
+mod memory;
+mod pipeline;
+mod probe;
+mod renderer;
+mod report;
+pub mod requirements;
+mod resident;
 pub mod shaders;
+mod slot;
+
+pub use headless::{DeviceInfo, Headless, HeadlessDesc, list_devices, tune_allocator_for_cpu};
+pub use renderer::{DeviceHandles, Renderer, RendererDesc};
+
+pub(crate) use commands::{Access, Commands};
+pub(crate) use renderer::Drawing;

@@ -20,8 +20,8 @@ use crate::error::ImportError;
 /// Reads the character file at `path` and whatever files it names beside it.
 ///
 /// The format goes by the content, and by the name's extension where the content does not tell.
-/// Errors: [`ImportError::Io`] where a file cannot be read, [`ImportError::Malformed`] where the content breaks its
-/// format's rules, [`ImportError::Unsupported`] where it is legal but not read here.
+/// Errors: [`ImportError::Io`] where the file cannot be read, [`ImportError::Malformed`] where the content breaks its
+/// format's rules or names a file that cannot be read, [`ImportError::Unsupported`] where it is legal but not read here.
 pub fn import(path: &Path) -> Result<Character, ImportError> {
     import_bytes(path, &files::read(path)?)
 }

@@ -107,7 +107,9 @@ fn surface(path: &Path, name: String, mesh: &tobj::Mesh) -> Result<Surface, Impo
     let vec3 = |values: &[f32]| values.chunks_exact(3).map(Vec3::from_slice).collect();
     let positions: Vec<Vec3> = vec3(&mesh.positions);
     let vertex_count = positions.len();
-    if mesh.indices.iter().any(|&v| v as usize >= vertex_count) || mesh.indices.len() % 3 != 0 {
+    if mesh.indices.iter().any(|&v| v as usize >= vertex_count)
+        || !mesh.indices.len().is_multiple_of(3)
+    {
         return Err(bad("a face names a vertex that does not exist"));
     }
     if !positions.iter().all(|p| p.is_finite()) {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{DAffine3, DMat3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 
 use crate::character::Part;
 
@@ -112,6 +112,14 @@ impl Surface {
                 std::mem::swap(b, c);
             }
         }
+    }
+
+    /// The corners of the box around all positions; there is at least one.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        self.positions.iter().fold(start, |(low, high), p| {
+            (low.min(p.as_dvec3()), high.max(p.as_dvec3()))
+        })
     }
 
     /// Gives every vertex a unit normal: the file's own where it has one, else one made from the faces around it,

@@ -4,7 +4,7 @@
 //! scaled by a hundred or quantised to integers, and a rigid mesh has its node's. Here each of them gets a change of
 //! space, so that all parts lie in model space near the rest pose, and skins of one armature share their joints.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, Mat4};
 
@@ -17,6 +17,8 @@ use crate::error::ImportError;
 /// Two joints of one node are one where their matrices move no vertex apart by more than this share of the size of the
 /// character.
 const SAME_JOINT: f64 = 1e-5;
+/// Greatest number of joints of a character.
+const MAX_JOINTS: usize = 4096;
 /// Joints of a skin that are tried as the one that defines its bind space, by falling weight.
 const MAX_CANDIDATES: usize = 64;
 
@@ -39,18 +41,25 @@ struct SkinJoint {
 }
 
 /// Moves every draft into the common bind space and makes its influences index the joints that come back.
-pub fn unify(source: &Source, scene: &Scene, drafts: &mut [Draft]) -> Result<Joints, ImportError> {
+///
+/// `animated` says of each node whether a clip moves it. A rigid part hangs in the nearest node above it that moves: one
+/// joint serves everything that moves as one.
+/// Errors: a skin is broken, or there are too many joints.
+pub fn unify(
+    source: &Source,
+    scene: &Scene,
+    animated: &[bool],
+    drafts: &mut [Draft],
+) -> Result<Joints, ImportError> {
     let mut joints = Joints::default();
-    let mut skins: Vec<usize> = Vec::new();
-    for draft in drafts.iter() {
-        if let Some(skin) = draft.skin
-            && !skins.contains(&skin)
-        {
-            skins.push(skin);
+    let mut of_skin: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (i, draft) in drafts.iter().enumerate() {
+        if let Some(skin) = draft.skin {
+            of_skin.entry(skin).or_default().push(i);
         }
     }
-    for &skin in &skins {
-        let skin_joints = read_skin(source, scene, skin, drafts)?;
+    for (&skin, members) in &of_skin {
+        let skin_joints = read_skin(source, scene, skin, members.iter().map(|&i| &drafts[i]))?;
         let size = extent(scene, &skin_joints);
         let bind_from_skin = choose_space(scene, &joints, &skin_joints, size);
         let skin_from_bind = bind_from_skin.inverse();
@@ -65,30 +74,57 @@ pub fn unify(source: &Source, scene: &Scene, drafts: &mut [Draft]) -> Result<Joi
                 0
             });
         }
-        for draft in drafts.iter_mut().filter(|d| d.skin == Some(skin)) {
-            draft.surface.transform(&bind_from_skin);
-            for (joint, _) in &mut draft.surface.influences.of_vertices {
+        check_count(source, &joints)?;
+        for &i in members {
+            let surface = &mut drafts[i].surface;
+            surface.transform(&bind_from_skin);
+            for (joint, _) in &mut surface.influences.of_vertices {
                 *joint = index_of[*joint as usize];
             }
         }
     }
+    let mut still = None;
     for draft in drafts.iter_mut().filter(|d| d.skin.is_none()) {
+        let carrier = carrier(scene, animated, draft.node)
+            .unwrap_or_else(|| *still.get_or_insert(draft.node));
         let model_from_node = scene.model_from_node[draft.node as usize];
-        let bind_from_node = if is_invertible(&model_from_node) {
-            model_from_node
+        let model_from_carrier = scene.model_from_node[carrier as usize];
+        let (bind_from_node, carrier_from_bind) = if is_invertible(&model_from_node) {
+            (model_from_node, model_from_carrier.inverse())
         } else {
-            DAffine3::IDENTITY
+            (DAffine3::IDENTITY, DAffine3::IDENTITY)
         };
+        let rigid = is_invertible(&model_from_carrier) && is_invertible(&model_from_node);
+        let node = if rigid { carrier } else { draft.node };
         draft.surface.transform(&bind_from_node);
-        let node_from_bind = bind_from_node.inverse();
-        let joint = joints.find(scene, draft.node, node_from_bind, DVec3::ZERO, 0.0);
+        let (low, high) = draft.surface.bounds();
+        let (center, size) = ((low + high) / 2.0, (high - low).length());
+        let joint = joints.find(scene, node, carrier_from_bind, center, size);
         draft.surface.influences.width = 1;
         draft.surface.influences.of_vertices = vec![(joint, 1.0); draft.surface.positions.len()];
-    }
-    if joints.joints.len() > usize::from(u16::MAX) {
-        return Err(source.bad("skins", "there are more than 65535 joints"));
+        check_count(source, &joints)?;
     }
     Ok(joints)
+}
+
+/// `node` or the nearest one above it that a clip moves; none where all of them stand still.
+fn carrier(scene: &Scene, animated: &[bool], node: u32) -> Option<u32> {
+    let mut at = Some(node);
+    while let Some(node) = at {
+        if animated[node as usize] {
+            return Some(node);
+        }
+        at = scene.nodes[node as usize].parent;
+    }
+    None
+}
+
+fn check_count(source: &Source, joints: &Joints) -> Result<(), ImportError> {
+    if joints.joints.len() > MAX_JOINTS {
+        let reason = format!("there are more than {MAX_JOINTS} joints");
+        return Err(source.bad("skins", reason));
+    }
+    Ok(())
 }
 
 impl Joints {
@@ -131,11 +167,11 @@ fn distance(a: &DAffine3, b: &DAffine3, center: DVec3, size: f64) -> f64 {
 }
 
 /// The joints of skin `index`, with the vertices of `drafts` that use them.
-fn read_skin(
+fn read_skin<'a>(
     source: &Source,
     scene: &Scene,
     index: usize,
-    drafts: &[Draft],
+    drafts: impl Iterator<Item = &'a Draft>,
 ) -> Result<Vec<SkinJoint>, ImportError> {
     let skin = &source.document.skins[index];
     let place = format!("skins[{index}]");
@@ -173,7 +209,7 @@ fn read_skin(
             center: DVec3::ZERO,
         });
     }
-    for draft in drafts.iter().filter(|d| d.skin == Some(index)) {
+    for draft in drafts {
         for (v, position) in draft.surface.positions.iter().enumerate() {
             for &(j, weight) in draft.surface.influences.of(v) {
                 let joint = &mut joints[j as usize];

@@ -14,10 +14,23 @@ pub fn read(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Clip>, ImportError> {
     let list = &source.document.animations;
-    list.iter()
-        .enumerate()
-        .map(|(i, animation)| read_clip(source, scene, i, animation, warnings))
-        .collect()
+    let mut clips = Vec::with_capacity(list.len());
+    let mut morphing = 0;
+    for (i, animation) in list.iter().enumerate() {
+        clips.push(read_clip(source, scene, i, animation, warnings)?);
+        morphing += usize::from(
+            animation
+                .channels
+                .iter()
+                .any(|c| c.target.path == "weights"),
+        );
+    }
+    if morphing > 0 {
+        warnings.push(format!(
+            "{morphing} clips animate morph targets, which are not drawn"
+        ));
+    }
+    Ok(clips)
 }
 
 fn read_clip(
@@ -47,7 +60,6 @@ fn read_clip(
     }
     // Which properties of a node already have a track, as bits.
     let mut animated = vec![0u8; scene.nodes.len()];
-    let mut morphs = 0;
     for (c, channel) in animation.channels.iter().enumerate() {
         let place = format!("animations[{i}].channels[{c}]");
         let sampler = source.get(&animation.samplers, channel.sampler, "sampler", || {
@@ -57,10 +69,7 @@ fn read_clip(
             "translation" => Property::Translation,
             "rotation" => Property::Rotation,
             "scale" => Property::Scale,
-            "weights" => {
-                morphs += 1;
-                continue;
-            }
+            "weights" => continue,
             path => {
                 let shown = files::shorten(path, 40);
                 warnings.push(format!("{place} animates '{shown}'; it is left out"));
@@ -87,12 +96,6 @@ fn read_clip(
         let last_s = track.times_s[track.times_s.len() - 1];
         clip.duration_s = clip.duration_s.max(last_s);
         clip.tracks.push(track);
-    }
-    if morphs > 0 {
-        warnings.push(format!(
-            "clip '{}' animates morph targets, which are not drawn",
-            clip.name
-        ));
     }
     Ok(clip)
 }

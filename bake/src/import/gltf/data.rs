@@ -154,7 +154,15 @@ impl<'a> Source<'a> {
             Some(data) => data.map_err(|reason| self.bad(place, reason)),
             None => {
                 let file = files::resolve(self.path, uri).map_err(|r| self.bad(place, r))?;
-                files::read(&file)
+                files::read(&file).map_err(|error| {
+                    let reason = match error {
+                        ImportError::Io { path, source } => {
+                            format!("'{}' cannot be read: {source}", path.display())
+                        }
+                        other => other.to_string(),
+                    };
+                    self.bad(place, reason)
+                })
             }
         }
     }
@@ -162,10 +170,10 @@ impl<'a> Source<'a> {
     fn load_buffer(&self, i: usize, chunk: Option<&[u8]>) -> Result<Option<Vec<u8>>, ImportError> {
         let place = format!("buffers[{i}]");
         let buffer = &self.document.buffers[i];
-        let fallback = buffer
-            .extensions
-            .get("EXT_meshopt_compression")
-            .is_some_and(|e| e["fallback"] == true);
+        let fallback = meshopt::EXTENSIONS
+            .iter()
+            .filter_map(|key| buffer.extensions.get(*key))
+            .any(|e| e["fallback"] == true);
         let mut bytes = match &buffer.uri {
             Some(uri) => self.read_uri(uri, &place)?,
             None if fallback => return Ok(None),
@@ -213,14 +221,17 @@ impl<'a> Source<'a> {
     fn resolve_view(&self, i: usize, decompressed_bytes: &mut usize) -> Result<View, ImportError> {
         let view = &self.document.buffer_views[i];
         let place = format!("bufferViews[{i}]");
-        let Some(extension) = view.extensions.get("EXT_meshopt_compression") else {
+        let packed = meshopt::EXTENSIONS
+            .iter()
+            .find_map(|key| Some((key, view.extensions.get(*key)?)));
+        let Some((key, extension)) = packed else {
             let has_data = self.buffers.get(view.buffer).is_some_and(Option::is_some);
             if has_data || view.buffer >= self.buffers.len() {
                 self.buffer_slice(view.buffer, view.byte_offset, view.byte_length, &place)?;
             }
             return Ok(View::Slice(view.buffer, view.byte_offset, view.byte_length));
         };
-        let place = format!("{place}.extensions.EXT_meshopt_compression");
+        let place = format!("{place}.extensions.{key}");
         let packed: MeshoptView = serde_path_to_error::deserialize(extension)
             .map_err(|e| self.bad(format!("{place}.{}", e.path()), e.inner().to_string()))?;
         let bytes = self.buffer_slice(

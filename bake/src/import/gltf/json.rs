@@ -230,7 +230,7 @@ pub struct Buffer {
     pub extensions: Extensions,
 }
 
-/// `EXT_meshopt_compression` of a buffer view.
+/// `EXT_meshopt_compression` or `KHR_meshopt_compression` of a buffer view.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct MeshoptView {

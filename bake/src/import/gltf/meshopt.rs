@@ -1,7 +1,9 @@
-//! `EXT_meshopt_compression`: unpacks a compressed buffer view.
+//! `EXT_meshopt_compression` and `KHR_meshopt_compression`: unpacks a compressed buffer view.
 
 use super::json::MeshoptView;
 
+/// The names of the extension; the later one adds a filter and a version of the codec.
+pub const EXTENSIONS: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 /// Greatest ratio of unpacked to packed bytes that the codecs can reach (version 1 of the vertex codec: 256 elements
 /// whose four byte channels never change cost one control byte).
 const MAX_RATIO: usize = 1024;
@@ -89,6 +91,8 @@ fn apply_filter(filter: &str, mut words: Vec<u32>, stride: usize) -> Result<Vec<
             meshopt::decode_filter_oct::<i16>(bytemuck::cast_slice_mut(&mut words));
         }
         ("QUATERNION", 8) => meshopt::decode_filter_quat(bytemuck::cast_slice_mut(&mut words)),
+        ("COLOR", 4) => meshopt::decode_filter_color::<u8>(bytemuck::cast_slice_mut(&mut words)),
+        ("COLOR", 8) => meshopt::decode_filter_color::<u16>(bytemuck::cast_slice_mut(&mut words)),
         ("EXPONENTIAL", _) => {
             meshopt::decode_filter_exp::<1>(bytemuck::cast_slice_mut(&mut words));
         }

@@ -26,9 +26,9 @@ use crate::error::ImportError;
 const KNOWN_EXTENSIONS: [&str; 5] = [
     "KHR_mesh_quantization",
     "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
     "KHR_texture_transform",
     "KHR_lights_punctual",
-    "KHR_node_visibility",
 ];
 
 /// Reads a binary file: its JSON chunk and the binary chunk behind it.
@@ -118,6 +118,12 @@ fn import_document(
         primitives.read_node(&source, index, node)?;
     }
     let mut warnings = std::mem::take(&mut primitives.warnings);
+    if scene.sheared_count > 0 {
+        warnings.push(format!(
+            "{} nodes have a matrix with shear, which is lost",
+            scene.sheared_count
+        ));
+    }
     for draft in &mut primitives.drafts {
         draft.surface.drop_degenerate();
         draft.surface.drop_unused();
@@ -132,8 +138,12 @@ fn import_document(
         }
         !empty
     });
-    let joints = bind::unify(&source, &scene, &mut primitives.drafts)?;
-    let mut clips = clips::read(&source, &scene, &mut warnings)?;
+    let clips = clips::read(&source, &scene, &mut warnings)?;
+    let mut animated = vec![false; scene.nodes.len()];
+    for track in clips.iter().flat_map(|c| &c.tracks) {
+        animated[track.node as usize] = true;
+    }
+    let joints = bind::unify(&source, &scene, &animated, &mut primitives.drafts)?;
     let mut character = Character {
         nodes: scene.nodes,
         joints: joints.joints,
@@ -155,7 +165,7 @@ fn import_document(
             "{lost_normals} normals have no direction; they are made from the faces"
         ));
     }
-    character.clips = std::mem::take(&mut clips);
+    character.clips = clips;
     character.warnings = warnings;
     influences::reduce(&mut character, &all_influences);
     prune(&mut character);
@@ -231,16 +241,20 @@ fn prune(character: &mut Character) {
             track.node = new_node[track.node as usize];
         }
     }
-    let warnings = &mut character.warnings;
-    character.clips.retain(|clip| {
-        if clip.tracks.is_empty() {
-            warnings.push(format!(
-                "clip '{}' moves nothing; it is left out",
-                clip.name
-            ));
-        }
-        !clip.tracks.is_empty()
-    });
+    let still: Vec<&str> = character
+        .clips
+        .iter()
+        .filter(|clip| clip.tracks.is_empty())
+        .map(|clip| clip.name.as_str())
+        .collect();
+    if !still.is_empty() {
+        character.warnings.push(format!(
+            "{} clips move nothing that is drawn; they are left out: {}",
+            still.len(),
+            super::files::shorten(&still.join(", "), 200)
+        ));
+    }
+    character.clips.retain(|clip| !clip.tracks.is_empty());
 }
 
 /// New indices of the entries that are kept.

@@ -53,10 +53,10 @@ impl Primitives {
                 format!("{place}.skin")
             })?;
         }
-        let name = list
+        let name = given
             .name
             .as_deref()
-            .or(given.name.as_deref())
+            .or(list.name.as_deref())
             .map_or_else(|| format!("mesh{mesh}"), |n| files::shorten(n, 1024));
         for (i, primitive) in list.primitives.iter().enumerate() {
             let place = format!("meshes[{mesh}].primitives[{i}]");
@@ -74,12 +74,6 @@ impl Primitives {
         node: u32,
         skin: Option<usize>,
     ) -> Result<(), ImportError> {
-        if primitive
-            .extensions
-            .contains_key("KHR_draco_mesh_compression")
-        {
-            return Err(super::draco(source.path, place));
-        }
         match primitive.mode {
             4..=6 => {}
             0..=3 => {
@@ -102,6 +96,15 @@ impl Primitives {
             return Ok(());
         };
         let at = |key: &str| format!("{place}.attributes.{key}");
+        // Where the extension is not required, the file holds the data plainly as well, or should.
+        let plain = source.document.accessors.get(position);
+        if plain.is_some_and(|a| a.buffer_view.is_none())
+            && primitive
+                .extensions
+                .contains_key("KHR_draco_mesh_compression")
+        {
+            return Err(super::draco(source.path, place));
+        }
         let positions = source.floats(position, &["VEC3"], &at("POSITION"))?;
         let count = positions.count();
         self.vertex_count += count;

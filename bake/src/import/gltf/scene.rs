@@ -20,6 +20,8 @@ pub struct Scene {
     pub model_from_node: Vec<DAffine3>,
     /// The file's node at each place.
     pub source_of: Vec<usize>,
+    /// How many nodes have a matrix with shear, which a translation, rotation and scale cannot hold.
+    pub sheared_count: usize,
 }
 
 /// Reads all nodes. Errors: a child that does not exist or has two parents, a cycle, a transform that is not finite.
@@ -41,6 +43,7 @@ pub fn read(source: &Source) -> Result<Scene, ImportError> {
         shown: Vec::new(),
         model_from_node: Vec::with_capacity(nodes.len()),
         source_of: Vec::with_capacity(nodes.len()),
+        sheared_count: 0,
     };
     let mut stack: Vec<usize> = (0..nodes.len())
         .rev()
@@ -68,6 +71,12 @@ impl Scene {
         let rest = transform(node)
             .filter(|t| t.translation.is_finite() && t.rotation.is_finite() && t.scale.is_finite())
             .ok_or_else(|| source.bad(format!("nodes[{i}]"), "its transform is not finite"))?;
+        if let Some(matrix) = node.matrix {
+            let lost = Mat4::from(rest.to_affine()) - Mat4::from_cols_array(&matrix);
+            let size = rest.scale.abs().max_element();
+            let linear = [lost.x_axis, lost.y_axis, lost.z_axis];
+            self.sheared_count += usize::from(linear.iter().any(|c| c.length() > 1e-3 * size));
+        }
         let parent = parent.map(|p| self.order_of[p]);
         let scale = Vec3::select(rest.scale.cmpeq(Vec3::ZERO), Vec3::ONE, rest.scale);
         let local = DAffine3::from_scale_rotation_translation(

@@ -1,0 +1,315 @@
+//! A recording command buffer behind safe calls, so that the stages read as their phases.
+
+use ash::vk;
+
+use super::context::Context;
+use super::memory::{Buffer, Image};
+
+/// How memory is used on one side of a barrier.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Access {
+    TransferWrite,
+    TransferRead,
+    ComputeReadWrite,
+    /// Indirect arguments, indices, and what shaders of draws read.
+    DrawRead,
+    /// Everything that reads an upload.
+    AnyRead,
+    HostRead,
+}
+
+impl Access {
+    fn scope(self) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
+        use vk::{AccessFlags2 as A, PipelineStageFlags2 as S};
+        match self {
+            Self::TransferWrite => (S::ALL_TRANSFER, A::TRANSFER_WRITE),
+            Self::TransferRead => (S::ALL_TRANSFER, A::TRANSFER_READ),
+            Self::ComputeReadWrite => (
+                S::COMPUTE_SHADER,
+                A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
+            ),
+            Self::DrawRead => (
+                S::DRAW_INDIRECT | S::VERTEX_SHADER,
+                A::INDIRECT_COMMAND_READ | A::SHADER_STORAGE_READ,
+            ),
+            Self::AnyRead => (
+                S::DRAW_INDIRECT
+                    | S::INDEX_INPUT
+                    | S::VERTEX_SHADER
+                    | S::FRAGMENT_SHADER
+                    | S::COMPUTE_SHADER,
+                A::INDEX_READ | A::SHADER_STORAGE_READ | A::SHADER_SAMPLED_READ,
+            ),
+            Self::HostRead => (S::HOST, A::HOST_READ),
+        }
+    }
+}
+
+/// A command buffer that is being recorded.
+pub(crate) struct Commands<'a> {
+    pub context: &'a Context,
+    pub cmd: vk::CommandBuffer,
+    /// API draw calls recorded through this.
+    pub draw_calls: u64,
+}
+
+// SAFETY of every call below: `new` promises a recording command buffer of the context's device; handles come from the
+// renderer, which keeps them alive until the host says that the frame is finished.
+#[allow(clippy::undocumented_unsafe_blocks)]
+impl<'a> Commands<'a> {
+    /// # Safety
+    /// `cmd` is recording, belongs to the context's device, and is outside or inside rendering as the caller's contract says.
+    pub unsafe fn new(context: &'a Context, cmd: vk::CommandBuffer) -> Self {
+        Self {
+            context,
+            cmd,
+            draw_calls: 0,
+        }
+    }
+
+    pub fn label<T>(&mut self, name: &str, record: impl FnOnce(&mut Self) -> T) -> T {
+        self.context.begin_label(self.cmd, name);
+        let result = record(self);
+        self.context.end_label(self.cmd);
+        result
+    }
+
+    pub fn barrier(&mut self, from: Access, to: &[Access]) {
+        let (src_stage, src_access) = from.scope();
+        let (mut dst_stage, mut dst_access) =
+            (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
+        for (stage, access) in to.iter().map(|a| a.scope()) {
+            dst_stage |= stage;
+            dst_access |= access;
+        }
+        let barrier = [vk::MemoryBarrier2::default()
+            .src_stage_mask(src_stage)
+            .src_access_mask(src_access)
+            .dst_stage_mask(dst_stage)
+            .dst_access_mask(dst_access)];
+        let info = vk::DependencyInfo::default().memory_barriers(&barrier);
+        unsafe { self.context.device.cmd_pipeline_barrier2(self.cmd, &info) };
+    }
+
+    /// Moves a whole image from one layout to another.
+    pub fn image_barrier(
+        &mut self,
+        image: &Image,
+        from: (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2),
+        to: (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2),
+        aspect: vk::ImageAspectFlags,
+    ) {
+        let barrier = [vk::ImageMemoryBarrier2::default()
+            .image(image.handle)
+            .old_layout(from.0)
+            .src_stage_mask(from.1)
+            .src_access_mask(from.2)
+            .new_layout(to.0)
+            .dst_stage_mask(to.1)
+            .dst_access_mask(to.2)
+            .subresource_range(vk::ImageSubresourceRange {
+                aspect_mask: aspect,
+                base_mip_level: 0,
+                level_count: image.mips,
+                base_array_layer: 0,
+                layer_count: image.layers,
+            })];
+        let info = vk::DependencyInfo::default().image_memory_barriers(&barrier);
+        unsafe { self.context.device.cmd_pipeline_barrier2(self.cmd, &info) };
+    }
+
+    pub fn fill_zero(&mut self, buffer: &Buffer, size_bytes: u64) {
+        unsafe {
+            self.context
+                .device
+                .cmd_fill_buffer(self.cmd, buffer.handle, 0, size_bytes, 0)
+        };
+    }
+
+    pub fn copy_buffer(&mut self, from: &Buffer, to: &Buffer, region: vk::BufferCopy) {
+        unsafe {
+            self.context
+                .device
+                .cmd_copy_buffer(self.cmd, from.handle, to.handle, &[region])
+        };
+    }
+
+    pub fn copy_to_image(&mut self, from: &Buffer, to: &Image, regions: &[vk::BufferImageCopy]) {
+        unsafe {
+            self.context.device.cmd_copy_buffer_to_image(
+                self.cmd,
+                from.handle,
+                to.handle,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                regions,
+            )
+        };
+    }
+
+    /// Copies a single-layer colour image in TRANSFER_SRC_OPTIMAL to the start of a buffer, tightly.
+    pub fn copy_from_image(&mut self, from: &Image, to: &Buffer) {
+        let region = [vk::BufferImageCopy {
+            image_subresource: vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                layer_count: 1,
+                ..Default::default()
+            },
+            image_extent: from.extent.into(),
+            ..Default::default()
+        }];
+        unsafe {
+            self.context.device.cmd_copy_image_to_buffer(
+                self.cmd,
+                from.handle,
+                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                to.handle,
+                &region,
+            )
+        };
+    }
+
+    pub fn bind_pipeline(&mut self, point: vk::PipelineBindPoint, pipeline: vk::Pipeline) {
+        unsafe {
+            self.context
+                .device
+                .cmd_bind_pipeline(self.cmd, point, pipeline)
+        };
+    }
+
+    pub fn bind_set(
+        &mut self,
+        point: vk::PipelineBindPoint,
+        layout: vk::PipelineLayout,
+        index: u32,
+        set: vk::DescriptorSet,
+    ) {
+        unsafe {
+            self.context.device.cmd_bind_descriptor_sets(
+                self.cmd,
+                point,
+                layout,
+                index,
+                &[set],
+                &[],
+            )
+        };
+    }
+
+    pub fn push_constants<T: bytemuck::Pod>(
+        &mut self,
+        layout: vk::PipelineLayout,
+        stages: vk::ShaderStageFlags,
+        constants: &T,
+    ) {
+        unsafe {
+            self.context.device.cmd_push_constants(
+                self.cmd,
+                layout,
+                stages,
+                0,
+                bytemuck::bytes_of(constants),
+            )
+        };
+    }
+
+    pub fn dispatch(&mut self, workgroups: u32) {
+        unsafe { self.context.device.cmd_dispatch(self.cmd, workgroups, 1, 1) };
+    }
+
+    pub fn set_viewport(&mut self, size_px: [u32; 2]) {
+        let [width, height] = size_px;
+        let viewport = vk::Viewport {
+            x: 0.0,
+            y: 0.0,
+            width: width as f32,
+            height: height as f32,
+            min_depth: 0.0,
+            max_depth: 1.0,
+        };
+        let scissor = vk::Rect2D {
+            offset: vk::Offset2D::default(),
+            extent: vk::Extent2D { width, height },
+        };
+        unsafe {
+            self.context
+                .device
+                .cmd_set_viewport(self.cmd, 0, &[viewport]);
+            self.context.device.cmd_set_scissor(self.cmd, 0, &[scissor]);
+        }
+    }
+
+    pub fn bind_indices(&mut self, buffer: &Buffer) {
+        unsafe {
+            self.context.device.cmd_bind_index_buffer(
+                self.cmd,
+                buffer.handle,
+                0,
+                vk::IndexType::UINT32,
+            )
+        };
+    }
+
+    /// One API draw call of `count` sub-draws.
+    pub fn draw_indexed_indirect(&mut self, arguments: &Buffer, first: u32, count: u32) {
+        let stride = size_of::<vk::DrawIndexedIndirectCommand>() as u32;
+        self.draw_calls += 1;
+        unsafe {
+            self.context.device.cmd_draw_indexed_indirect(
+                self.cmd,
+                arguments.handle,
+                first as u64 * stride as u64,
+                count,
+                stride,
+            )
+        };
+    }
+
+    pub fn draw_indexed(&mut self, index_count: u32, first_index: u32, instance: u32) {
+        self.draw_calls += 1;
+        unsafe {
+            self.context
+                .device
+                .cmd_draw_indexed(self.cmd, index_count, 1, first_index, 0, instance)
+        };
+    }
+
+    pub fn draw(&mut self, vertex_count: u32, instance_count: u32) {
+        self.draw_calls += 1;
+        unsafe {
+            self.context
+                .device
+                .cmd_draw(self.cmd, vertex_count, instance_count, 0, 0)
+        };
+    }
+
+    pub fn reset_queries(&mut self, pool: vk::QueryPool, count: u32) {
+        unsafe {
+            self.context
+                .device
+                .cmd_reset_query_pool(self.cmd, pool, 0, count)
+        };
+    }
+
+    pub fn write_timestamp(&mut self, pool: vk::QueryPool, query: u32) {
+        unsafe {
+            self.context.device.cmd_write_timestamp2(
+                self.cmd,
+                vk::PipelineStageFlags2::BOTTOM_OF_PIPE,
+                pool,
+                query,
+            )
+        };
+    }
+
+    pub fn begin_query(&mut self, pool: vk::QueryPool) {
+        unsafe {
+            self.context
+                .device
+                .cmd_begin_query(self.cmd, pool, 0, vk::QueryControlFlags::empty())
+        };
+    }
+
+    pub fn end_query(&mut self, pool: vk::QueryPool) {
+        unsafe { self.context.device.cmd_end_query(self.cmd, pool, 0) };
+    }
+}

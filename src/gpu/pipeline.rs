@@ -1,0 +1,543 @@
+//! Set layouts, pipeline layouts and pipelines of all stages.
+
+use std::collections::HashMap;
+use std::ffi::CStr;
+
+use ash::vk;
+
+use super::context::Context;
+use super::renderer::RendererDesc;
+use super::shaders::{MODULES, Module};
+use crate::error::RenderError;
+use crate::gpu_types::DrawConstants;
+
+/// Entry point of every module.
+const MAIN: &CStr = c"main";
+
+/// What a mesh pipeline is specialised for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct MeshVariant {
+    pub textured: bool,
+    pub double_sided: bool,
+    pub alpha_tested: bool,
+}
+
+/// Specialisation constants by id, as hlsl/ numbers them.
+const TEXTURED: u32 = 0;
+const DOUBLE_SIDED: u32 = 1;
+const ALPHA_TESTED: u32 = 2;
+const SRGB_TARGET: u32 = 3;
+const REVERSED_DEPTH: u32 = 4;
+
+/// Stages that see a draw's push constants.
+pub(crate) const DRAW_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+    vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
+);
+
+/// Everything that is made once for a renderer.
+#[derive(Default)]
+pub(crate) struct Pipelines {
+    pub select_set: vk::DescriptorSetLayout,
+    pub draw_set: vk::DescriptorSetLayout,
+    pub character_set: vk::DescriptorSetLayout,
+    pub probe_set: vk::DescriptorSetLayout,
+    pub select_layout: vk::PipelineLayout,
+    pub draw_layout: vk::PipelineLayout,
+    pub probe_layout: vk::PipelineLayout,
+    pub count: vk::Pipeline,
+    pub scan: vk::Pipeline,
+    pub scatter: vk::Pipeline,
+    pub probe: vk::Pipeline,
+    pub ground: vk::Pipeline,
+    pub sky: vk::Pipeline,
+    pub sampler: vk::Sampler,
+    mesh: HashMap<MeshVariant, vk::Pipeline>,
+    formats: Formats,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Formats {
+    color: vk::Format,
+    depth: vk::Format,
+    reversed_depth: bool,
+}
+
+impl Formats {
+    fn srgb(&self) -> bool {
+        use vk::Format as F;
+        [F::R8G8B8A8_SRGB, F::B8G8R8A8_SRGB, F::A8B8G8R8_SRGB_PACK32].contains(&self.color)
+    }
+}
+
+/// How a graphics pipeline differs from the others.
+struct DrawState<'a> {
+    name: &'a str,
+    modules: [&'a str; 2],
+    constants: &'a [(u32, bool)],
+    cull: vk::CullModeFlags,
+    topology: vk::PrimitiveTopology,
+    depth_write: bool,
+}
+
+impl Pipelines {
+    pub fn new(cx: &Context, desc: &RendererDesc) -> Result<Self, RenderError> {
+        let mut p = Self {
+            formats: Formats {
+                color: desc.color_format,
+                depth: desc.depth_format,
+                reversed_depth: desc.reversed_depth,
+            },
+            ..Default::default()
+        };
+        match p.fill(cx) {
+            Ok(()) => Ok(p),
+            Err(e) => {
+                p.destroy(cx);
+                Err(e)
+            }
+        }
+    }
+
+    fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
+        use vk::DescriptorType as T;
+        use vk::ShaderStageFlags as S;
+        let mut select = vec![(T::UNIFORM_BUFFER, S::COMPUTE)];
+        select.extend([(T::STORAGE_BUFFER, S::COMPUTE); 11]);
+        self.select_set = set_layout(cx, "select", &select)?;
+        let seen = S::VERTEX | S::COMPUTE;
+        self.draw_set = set_layout(
+            cx,
+            "draw",
+            &[
+                (T::UNIFORM_BUFFER, seen | S::FRAGMENT),
+                (T::STORAGE_BUFFER, seen),
+                (T::STORAGE_BUFFER, seen),
+            ],
+        )?;
+        self.character_set = set_layout(
+            cx,
+            "character",
+            &[
+                (T::UNIFORM_BUFFER, seen),
+                (T::SAMPLED_IMAGE, seen),
+                (T::SAMPLED_IMAGE, seen),
+                (T::SAMPLED_IMAGE, seen),
+                (T::SAMPLED_IMAGE, S::FRAGMENT),
+                (T::SAMPLER, S::FRAGMENT),
+            ],
+        )?;
+        self.probe_set = set_layout(cx, "probe", &[(T::STORAGE_BUFFER, S::COMPUTE)])?;
+        let constants = size_of::<DrawConstants>() as u32;
+        self.select_layout = pipeline_layout(cx, "select", &[self.select_set], None)?;
+        self.draw_layout = pipeline_layout(
+            cx,
+            "draw",
+            &[self.draw_set, self.character_set],
+            Some((DRAW_STAGES, constants)),
+        )?;
+        self.probe_layout = pipeline_layout(
+            cx,
+            "mesh_probe",
+            &[self.draw_set, self.character_set, self.probe_set],
+            Some((S::COMPUTE, constants)),
+        )?;
+        self.count = compute(cx, "select_count", self.select_layout)?;
+        self.scan = compute(cx, "select_scan", self.select_layout)?;
+        self.scatter = compute(cx, "select_scatter", self.select_layout)?;
+        self.probe = compute(cx, "mesh_probe", self.probe_layout)?;
+        let srgb = (SRGB_TARGET, self.formats.srgb());
+        self.ground = self.graphics(
+            cx,
+            &DrawState {
+                name: "ground",
+                modules: ["ground_vs", "ground_ps"],
+                constants: &[srgb],
+                cull: vk::CullModeFlags::NONE,
+                topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
+                depth_write: true,
+            },
+        )?;
+        self.sky = self.graphics(
+            cx,
+            &DrawState {
+                name: "sky",
+                modules: ["sky_vs", "sky_ps"],
+                constants: &[srgb, (REVERSED_DEPTH, self.formats.reversed_depth)],
+                cull: vk::CullModeFlags::NONE,
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                depth_write: false,
+            },
+        )?;
+        let info = vk::SamplerCreateInfo::default()
+            .mag_filter(vk::Filter::LINEAR)
+            .min_filter(vk::Filter::LINEAR)
+            .mipmap_mode(vk::SamplerMipmapMode::NEAREST)
+            .max_lod(vk::LOD_CLAMP_NONE);
+        // SAFETY: the context's device is alive.
+        self.sampler = unsafe { cx.device.create_sampler(&info, None) }.map_err(
+            RenderError::vulkan(cx.full_name("albedo"), "vkCreateSampler"),
+        )?;
+        cx.set_name(self.sampler, "albedo");
+        Ok(())
+    }
+
+    /// Makes a variant where it does not exist yet.
+    pub fn add_mesh(&mut self, cx: &Context, variant: MeshVariant) -> Result<(), RenderError> {
+        if self.mesh.contains_key(&variant) {
+            return Ok(());
+        }
+        let name = format!(
+            "mesh{}{}{}",
+            if variant.textured { " textured" } else { "" },
+            if variant.double_sided {
+                " double-sided"
+            } else {
+                ""
+            },
+            if variant.alpha_tested {
+                " alpha-tested"
+            } else {
+                ""
+            },
+        );
+        let pipeline = self.graphics(
+            cx,
+            &DrawState {
+                name: &name,
+                modules: ["mesh_vs", "mesh_ps"],
+                constants: &[
+                    (TEXTURED, variant.textured),
+                    (DOUBLE_SIDED, variant.double_sided),
+                    (ALPHA_TESTED, variant.alpha_tested),
+                    (SRGB_TARGET, self.formats.srgb()),
+                ],
+                cull: if variant.double_sided {
+                    vk::CullModeFlags::NONE
+                } else {
+                    vk::CullModeFlags::BACK
+                },
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                depth_write: true,
+            },
+        )?;
+        self.mesh.insert(variant, pipeline);
+        Ok(())
+    }
+
+    /// The pipeline of a variant that `add_mesh` made.
+    pub fn mesh(&self, variant: MeshVariant) -> vk::Pipeline {
+        self.mesh.get(&variant).copied().unwrap_or_default()
+    }
+
+    fn graphics(&self, cx: &Context, state: &DrawState) -> Result<vk::Pipeline, RenderError> {
+        let entries: Vec<_> = (0..state.constants.len())
+            .map(|i| {
+                vk::SpecializationMapEntry::default()
+                    .constant_id(state.constants[i].0)
+                    .offset(4 * i as u32)
+                    .size(4)
+            })
+            .collect();
+        let values: Vec<u32> = state.constants.iter().map(|c| c.1 as u32).collect();
+        let specialization = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(bytemuck::cast_slice(&values));
+        let [vs, ps] = state.modules.map(|m| shader(cx, m));
+        let pipeline = match (&vs, &ps) {
+            (Ok(vs), Ok(ps)) => {
+                let stages = [
+                    stage(*vs, vk::ShaderStageFlags::VERTEX, &specialization),
+                    stage(*ps, vk::ShaderStageFlags::FRAGMENT, &specialization),
+                ];
+                self.graphics_from_stages(cx, state, &stages)
+            }
+            _ => Ok(vk::Pipeline::null()),
+        };
+        for module in [&vs, &ps].into_iter().flatten() {
+            // SAFETY: modules may go once the pipeline is made.
+            unsafe { cx.device.destroy_shader_module(*module, None) };
+        }
+        vs?;
+        ps?;
+        pipeline
+    }
+
+    fn graphics_from_stages(
+        &self,
+        cx: &Context,
+        state: &DrawState,
+        stages: &[vk::PipelineShaderStageCreateInfo],
+    ) -> Result<vk::Pipeline, RenderError> {
+        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(state.topology);
+        let viewport = vk::PipelineViewportStateCreateInfo::default()
+            .viewport_count(1)
+            .scissor_count(1);
+        let raster = vk::PipelineRasterizationStateCreateInfo::default()
+            .polygon_mode(vk::PolygonMode::FILL)
+            .cull_mode(state.cull)
+            .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
+            .line_width(1.0);
+        let multisample = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+            .depth_test_enable(true)
+            .depth_write_enable(state.depth_write)
+            .depth_compare_op(if self.formats.reversed_depth {
+                vk::CompareOp::GREATER_OR_EQUAL
+            } else {
+                vk::CompareOp::LESS_OR_EQUAL
+            });
+        let attachment = [vk::PipelineColorBlendAttachmentState::default()
+            .color_write_mask(vk::ColorComponentFlags::RGBA)];
+        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment);
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default()
+            .dynamic_states(&[vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR]);
+        let formats = [self.formats.color];
+        let mut rendering = vk::PipelineRenderingCreateInfo::default()
+            .color_attachment_formats(&formats)
+            .depth_attachment_format(self.formats.depth);
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .stages(stages)
+            .vertex_input_state(&vertex_input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewport)
+            .rasterization_state(&raster)
+            .multisample_state(&multisample)
+            .depth_stencil_state(&depth)
+            .color_blend_state(&blend)
+            .dynamic_state(&dynamic)
+            .layout(self.draw_layout)
+            .push_next(&mut rendering);
+        // SAFETY: every handle in the description is alive.
+        let made = unsafe {
+            cx.device
+                .create_graphics_pipelines(vk::PipelineCache::null(), &[info], None)
+        };
+        let pipeline = made.map_err(|(_, e)| RenderError::Vulkan {
+            object: cx.full_name(state.name),
+            call: "vkCreateGraphicsPipelines",
+            source: e,
+        })?[0];
+        cx.set_name(pipeline, state.name);
+        Ok(pipeline)
+    }
+
+    /// Destroys everything; no pending command may use any of it.
+    pub fn destroy(&mut self, cx: &Context) {
+        // SAFETY: the caller's promise; null handles are ignored, and each is destroyed once because all are taken.
+        unsafe {
+            let d = &cx.device;
+            for (_, pipeline) in self.mesh.drain() {
+                d.destroy_pipeline(pipeline, None);
+            }
+            for pipeline in [
+                self.count,
+                self.scan,
+                self.scatter,
+                self.probe,
+                self.ground,
+                self.sky,
+            ] {
+                d.destroy_pipeline(pipeline, None);
+            }
+            d.destroy_sampler(self.sampler, None);
+            for layout in [self.select_layout, self.draw_layout, self.probe_layout] {
+                d.destroy_pipeline_layout(layout, None);
+            }
+            for set in [
+                self.select_set,
+                self.draw_set,
+                self.character_set,
+                self.probe_set,
+            ] {
+                d.destroy_descriptor_set_layout(set, None);
+            }
+        }
+        *self = Self::default();
+    }
+}
+
+fn stage<'a>(
+    module: vk::ShaderModule,
+    stage: vk::ShaderStageFlags,
+    specialization: &'a vk::SpecializationInfo<'a>,
+) -> vk::PipelineShaderStageCreateInfo<'a> {
+    vk::PipelineShaderStageCreateInfo::default()
+        .stage(stage)
+        .module(module)
+        .name(MAIN)
+        .specialization_info(specialization)
+}
+
+fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
+    let spirv = MODULES
+        .iter()
+        .find(|m: &&Module| m.name == name)
+        .map_or(&[][..], |m| m.spirv);
+    let info = vk::ShaderModuleCreateInfo::default().code(spirv);
+    // SAFETY: build.rs compiled the words for this Vulkan version; spirv-val checks them in the tests.
+    unsafe { cx.device.create_shader_module(&info, None) }.map_err(RenderError::vulkan(
+        cx.full_name(name),
+        "vkCreateShaderModule",
+    ))
+}
+
+fn compute(
+    cx: &Context,
+    name: &str,
+    layout: vk::PipelineLayout,
+) -> Result<vk::Pipeline, RenderError> {
+    let module = shader(cx, name)?;
+    let info = vk::ComputePipelineCreateInfo::default()
+        .stage(
+            vk::PipelineShaderStageCreateInfo::default()
+                .stage(vk::ShaderStageFlags::COMPUTE)
+                .module(module)
+                .name(MAIN),
+        )
+        .layout(layout);
+    // SAFETY: module and layout are alive; the module may go once the pipeline is made.
+    let made = unsafe {
+        let made = cx
+            .device
+            .create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
+        cx.device.destroy_shader_module(module, None);
+        made
+    };
+    let pipeline = made.map_err(|(_, e)| RenderError::Vulkan {
+        object: cx.full_name(name),
+        call: "vkCreateComputePipelines",
+        source: e,
+    })?[0];
+    cx.set_name(pipeline, name);
+    Ok(pipeline)
+}
+
+fn set_layout(
+    cx: &Context,
+    name: &str,
+    bindings: &[(vk::DescriptorType, vk::ShaderStageFlags)],
+) -> Result<vk::DescriptorSetLayout, RenderError> {
+    let bindings: Vec<_> = (0u32..)
+        .zip(bindings)
+        .map(|(i, &(ty, stages))| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(i)
+                .descriptor_type(ty)
+                .descriptor_count(1)
+                .stage_flags(stages)
+        })
+        .collect();
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: the context's device is alive.
+    let layout = unsafe { cx.device.create_descriptor_set_layout(&info, None) }.map_err(
+        RenderError::vulkan(cx.full_name(name), "vkCreateDescriptorSetLayout"),
+    )?;
+    cx.set_name(layout, name);
+    Ok(layout)
+}
+
+fn pipeline_layout(
+    cx: &Context,
+    name: &str,
+    sets: &[vk::DescriptorSetLayout],
+    constants: Option<(vk::ShaderStageFlags, u32)>,
+) -> Result<vk::PipelineLayout, RenderError> {
+    let ranges: Vec<_> = constants
+        .iter()
+        .map(|&(stages, size)| {
+            vk::PushConstantRange::default()
+                .stage_flags(stages)
+                .size(size)
+        })
+        .collect();
+    let info = vk::PipelineLayoutCreateInfo::default()
+        .set_layouts(sets)
+        .push_constant_ranges(&ranges);
+    // SAFETY: the set layouts are alive.
+    let layout = unsafe { cx.device.create_pipeline_layout(&info, None) }.map_err(
+        RenderError::vulkan(cx.full_name(name), "vkCreatePipelineLayout"),
+    )?;
+    cx.set_name(layout, name);
+    Ok(layout)
+}
+
+/// A pool for `sets` sets with room for `buffers` storage buffers, as many uniform buffers as sets, and 4 images and a
+/// sampler per set.
+pub(crate) fn descriptor_pool(
+    cx: &Context,
+    name: &str,
+    sets: u32,
+    buffers: u32,
+) -> Result<vk::DescriptorPool, RenderError> {
+    let sizes = [
+        (vk::DescriptorType::UNIFORM_BUFFER, sets),
+        (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
+        (vk::DescriptorType::SAMPLED_IMAGE, 4 * sets),
+        (vk::DescriptorType::SAMPLER, sets),
+    ]
+    .map(|(ty, count)| vk::DescriptorPoolSize {
+        ty,
+        descriptor_count: count,
+    });
+    let info = vk::DescriptorPoolCreateInfo::default()
+        .max_sets(sets)
+        .pool_sizes(&sizes);
+    // SAFETY: the context's device is alive.
+    let pool = unsafe { cx.device.create_descriptor_pool(&info, None) }.map_err(
+        RenderError::vulkan(cx.full_name(name), "vkCreateDescriptorPool"),
+    )?;
+    cx.set_name(pool, name);
+    Ok(pool)
+}
+
+/// One set of a pool.
+pub(crate) fn allocate_set(
+    cx: &Context,
+    name: &str,
+    pool: vk::DescriptorPool,
+    layout: vk::DescriptorSetLayout,
+) -> Result<vk::DescriptorSet, RenderError> {
+    let layouts = [layout];
+    let info = vk::DescriptorSetAllocateInfo::default()
+        .descriptor_pool(pool)
+        .set_layouts(&layouts);
+    // SAFETY: pool and layout are alive, and only the renderer, which is borrowed, uses the pool.
+    let set = unsafe { cx.device.allocate_descriptor_sets(&info) }.map_err(RenderError::vulkan(
+        cx.full_name(name),
+        "vkAllocateDescriptorSets",
+    ))?[0];
+    cx.set_name(set, name);
+    Ok(set)
+}
+
+/// Writes buffers to a set's bindings from 0 up: uniform where said, else storage.
+pub(crate) fn write_buffers(
+    cx: &Context,
+    set: vk::DescriptorSet,
+    buffers: &[(vk::DescriptorType, vk::Buffer)],
+) {
+    let infos: Vec<_> = buffers
+        .iter()
+        .map(|&(_, buffer)| {
+            [vk::DescriptorBufferInfo {
+                buffer,
+                offset: 0,
+                range: vk::WHOLE_SIZE,
+            }]
+        })
+        .collect();
+    let writes: Vec<_> = (0u32..)
+        .zip(buffers.iter().zip(&infos))
+        .map(|(i, (&(ty, _), info))| {
+            vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(i)
+                .descriptor_type(ty)
+                .buffer_info(info)
+        })
+        .collect();
+    // SAFETY: buffers are alive; no pending command uses the set (`begin_frame`'s contract, or the set is new).
+    unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
+}

@@ -1,0 +1,552 @@
+//! The embedding contract: records a crowd into the host's command buffers.
+
+use std::time::Instant;
+
+use ash::vk;
+
+use super::commands::{Access, Commands};
+use super::context::Context;
+use super::memory::Buffer;
+use super::pipeline::Pipelines;
+use super::resident::{self, Resident, Upload};
+use super::slot::{Recorded, Shape, Slot, Stamp, TableBuffers, list_bytes};
+use crate::error::RenderError;
+use crate::frame::{Agent, CharacterId, FrameOptions, Method, View};
+use crate::gpu_types::{AgentState, SELECT_GROUP_SIZE};
+use crate::prepare::{self, Tables};
+
+/// The host's objects. The library only borrows them; they outlive the renderer.
+#[derive(Clone, Copy)]
+pub struct DeviceHandles<'a> {
+    /// Vulkan 1.3 instance.
+    pub instance: &'a ash::Instance,
+    /// What the device was made from.
+    pub physical_device: vk::PhysicalDevice,
+    /// Made with [`super::requirements::features`] enabled.
+    pub device: &'a ash::Device,
+    /// Of the queue that will run the recorded commands: graphics and compute.
+    pub queue_family: u32,
+    /// The instance has `VK_EXT_debug_utils` enabled: objects get names.
+    pub debug_utils: bool,
+    /// The device has `pipelineStatisticsQuery` enabled: reports count vertex-shader runs.
+    pub pipeline_statistics: bool,
+}
+
+/// What a renderer is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct RendererDesc<'a> {
+    /// Prefix of every object's name.
+    pub name: &'a str,
+    /// Frames that the host keeps in flight, 1 to 64.
+    pub frames_in_flight: u32,
+    /// Agents that a frame may have; memory is only taken for those it does have.
+    pub agent_capacity: u32,
+    /// Format of the colour attachment; for sRGB formats the shaders leave the encoding to the device.
+    pub color_format: vk::Format,
+    /// Format of the depth attachment.
+    pub depth_format: vk::Format,
+    /// Near is depth 1 and the attachment is cleared to 0; else near is 0 and it is cleared to 1.
+    pub reversed_depth: bool,
+    /// Copies the instance lists back for `selection`: for tests.
+    pub keep_lists: bool,
+}
+
+impl Default for RendererDesc<'_> {
+    fn default() -> Self {
+        Self {
+            name: "throng",
+            frames_in_flight: 2,
+            agent_capacity: 1 << 20,
+            color_format: vk::Format::R8G8B8A8_UNORM,
+            depth_format: vk::Format::D32_SFLOAT,
+            reversed_depth: true,
+            keep_lists: false,
+        }
+    }
+}
+
+/// Draws crowds. Never submits, presents or waits; records into command buffers of the host's single queue.
+///
+/// Per frame: `begin_frame`, `record_uploads`, `set_agents`, `record_select`, then `record_draw` inside rendering, and after
+/// the host's fence `report`.
+pub struct Renderer {
+    pub(super) cx: Context,
+    pub(super) pipelines: Pipelines,
+    pub(super) tables: Tables,
+    table_buffers: Option<TableBuffers>,
+    table_version: u64,
+    pub(super) residents: Vec<Resident>,
+    names: Vec<String>,
+    uploads: Vec<Upload>,
+    pub(super) slots: Vec<Slot>,
+    garbage: Vec<Garbage>,
+    agent_capacity: u32,
+    pub(super) keep_lists: bool,
+}
+
+/// A buffer that commands of some slots may still use.
+struct Garbage {
+    /// Bit per slot that has not begun since.
+    slots: u64,
+    buffer: Buffer,
+}
+
+/// What the stages' recording reads.
+pub(crate) struct Drawing<'a> {
+    pub pipelines: &'a Pipelines,
+    pub residents: &'a [Resident],
+    pub slot: &'a Slot,
+}
+
+impl Renderer {
+    /// Makes pipelines and per-frame objects; no memory for agents yet.
+    ///
+    /// # Safety
+    /// The handles are alive, belong together, and stay alive until [`Renderer::destroy`] returned. The required features
+    /// are enabled on the device. All recorded commands run on one queue of `queue_family`.
+    ///
+    /// Errors: [`RenderError::MissingFeature`], [`RenderError::BadOption`], [`RenderError::Vulkan`], [`RenderError::Memory`].
+    pub unsafe fn new(handles: &DeviceHandles, desc: &RendererDesc) -> Result<Self, RenderError> {
+        if !(1..=64).contains(&desc.frames_in_flight) {
+            return Err(RenderError::BadOption {
+                option: "frames_in_flight",
+                reason: format!("{} is not in 1 to 64", desc.frames_in_flight),
+            });
+        }
+        let cx = Context::new(handles, desc)?;
+        let pipelines = Pipelines::new(&cx, desc)?;
+        let mut renderer = Self {
+            cx,
+            pipelines,
+            tables: Tables::default(),
+            table_buffers: None,
+            table_version: 0,
+            residents: Vec::new(),
+            names: Vec::new(),
+            uploads: Vec::new(),
+            slots: Vec::new(),
+            garbage: Vec::new(),
+            agent_capacity: desc.agent_capacity,
+            keep_lists: desc.keep_lists,
+        };
+        for index in 0..desc.frames_in_flight as usize {
+            match Slot::new(&renderer.cx, &renderer.pipelines, index) {
+                Ok(slot) => renderer.slots.push(slot),
+                Err(e) => {
+                    // SAFETY: nothing was recorded yet.
+                    unsafe { renderer.destroy() };
+                    return Err(e);
+                }
+            }
+        }
+        Ok(renderer)
+    }
+
+    /// Name of the device.
+    pub fn device_name(&self) -> &str {
+        &self.cx.capabilities.device
+    }
+
+    /// Name and version of the driver.
+    pub fn driver(&self) -> &str {
+        &self.cx.capabilities.driver
+    }
+
+    /// The characters' tables, for the CPU twins.
+    pub fn tables(&self) -> &Tables {
+        &self.tables
+    }
+
+    /// Validates a character and makes its objects; the next [`Renderer::record_uploads`] fills them.
+    ///
+    /// Errors: [`RenderError::BadCharacter`], [`RenderError::Limit`], [`RenderError::Vulkan`], [`RenderError::Memory`];
+    /// the renderer is then as before.
+    pub fn add_character(
+        &mut self,
+        baked: &throng_bake::baked::Baked,
+    ) -> Result<CharacterId, RenderError> {
+        prepare::validate(baked)?;
+        let (resident, upload) = resident::make(
+            &self.cx,
+            &mut self.pipelines,
+            baked,
+            self.residents.len(),
+            self.tables.bands.len() as u32,
+            self.tables.submeshes.len() as u32,
+        )?;
+        self.residents.push(resident);
+        self.uploads.push(upload);
+        self.names.push(baked.name.clone());
+        self.tables.append(baked);
+        self.table_version += 1;
+        Ok(CharacterId(self.residents.len() as u32 - 1))
+    }
+
+    /// Starts a frame in slot `frame`, of which the library may now reuse everything.
+    ///
+    /// # Safety
+    /// All commands recorded since the last `begin_frame` of this slot are finished.
+    ///
+    /// Errors: [`RenderError::BadOption`] where there is no such slot.
+    pub unsafe fn begin_frame(&mut self, frame: usize) -> Result<(), RenderError> {
+        let slot = self.slot_mut(frame)?;
+        slot.recorded = None;
+        slot.begun = true;
+        slot.upload_ms = 0.0;
+        let mut i = 0;
+        while i < self.garbage.len() {
+            self.garbage[i].slots &= !(1 << frame);
+            if self.garbage[i].slots == 0 {
+                let garbage = self.garbage.swap_remove(i);
+                self.cx.destroy_buffer(garbage.buffer);
+            } else {
+                i += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Records the copies of characters added since the last call; nothing where there are none. Outside rendering.
+    ///
+    /// # Safety
+    /// `cmd` is recording, is outside rendering, and belongs to the frame that `begin_frame` started last.
+    ///
+    /// Errors: [`RenderError::Order`] before the first `begin_frame`.
+    pub unsafe fn record_uploads(&mut self, cmd: vk::CommandBuffer) -> Result<(), RenderError> {
+        if self.uploads.is_empty() {
+            return Ok(());
+        }
+        if !self.slots.iter().any(|s| s.begun) {
+            return Err(RenderError::Order {
+                call: "record_uploads",
+                reason: "begin_frame comes first",
+            });
+        }
+        // SAFETY: this function's contract.
+        let mut commands = unsafe { Commands::new(&self.cx, cmd) };
+        let (uploads, residents) = (std::mem::take(&mut self.uploads), &self.residents);
+        let staging = commands.label("upload", |c| {
+            uploads
+                .into_iter()
+                .map(|u| u.record(c, residents))
+                .collect::<Vec<_>>()
+        });
+        for buffer in staging {
+            self.discard(buffer);
+        }
+        Ok(())
+    }
+
+    /// Hands in the crowd of a frame.
+    ///
+    /// Errors: [`RenderError::BadAgent`], [`RenderError::Limit`], [`RenderError::Memory`], and [`RenderError::Order`] before
+    /// `begin_frame`.
+    pub fn set_agents(&mut self, frame: usize, agents: &[Agent]) -> Result<(), RenderError> {
+        let start = Instant::now();
+        if !self.slot_mut(frame)?.begun {
+            return Err(RenderError::Order {
+                call: "set_agents",
+                reason: "begin_frame comes first",
+            });
+        }
+        let capacity = self.agent_capacity.min(
+            self.cx
+                .capabilities
+                .workgroups
+                .saturating_mul(SELECT_GROUP_SIZE),
+        );
+        if agents.len() > capacity as usize {
+            return Err(RenderError::Limit {
+                object: "crowd".into(),
+                needed: agents.len() as u64,
+                limit: capacity as u64,
+                unit: "agents",
+                hint: "raise RendererDesc::agent_capacity, or split the crowd",
+            });
+        }
+        self.update_tables()?;
+        let Some(tables) = &self.table_buffers else {
+            return Err(RenderError::Order {
+                call: "set_agents",
+                reason: "update_tables makes the tables",
+            });
+        };
+        let shape = Shape {
+            agents: agents.len() as u32,
+            submesh_stride: self.tables.submesh_stride(),
+            bins: self.tables.bands.len() as u32,
+        };
+        let slot = &mut self.slots[frame];
+        slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;
+        slot.agent_counts.clear();
+        slot.agent_counts.resize(self.residents.len(), 0);
+        slot.agents.clear();
+        slot.agents.reserve(agents.len());
+        for (index, agent) in agents.iter().enumerate() {
+            let state = agent_state(&self.tables, index, agent)?;
+            slot.agent_counts[state.character as usize] += 1;
+            slot.agents.push(state);
+        }
+        if let Some(buffers) = &mut slot.buffers {
+            buffers.agents.write(0, &slot.agents);
+        }
+        slot.upload_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(())
+    }
+
+    /// Records the select stage. Outside rendering.
+    ///
+    /// # Safety
+    /// `cmd` is recording, is outside rendering, and runs before the one that `record_draw` records into.
+    ///
+    /// Errors: [`RenderError::BadOption`], and [`RenderError::Order`] before `set_agents`.
+    pub unsafe fn record_select(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        frame: usize,
+        view: &View,
+        options: &FrameOptions,
+    ) -> Result<(), RenderError> {
+        view.validate()?;
+        options.validate()?;
+        let tables = &self.tables;
+        let slot = self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))?;
+        if !slot.begun || slot.buffers.is_none() {
+            return Err(RenderError::Order {
+                call: "record_select",
+                reason: "begin_frame and set_agents come first",
+            });
+        }
+        let constants =
+            crate::select::frame_constants(view, options, slot.agents.len() as u32, tables);
+        slot.constants.write(0, &[constants]);
+        let mut cpu = None;
+        if options.method == Method::Uninstanced {
+            let selection = crate::reference::select::select(tables, &slot.agents, &constants);
+            slot.write_cpu_lists(&self.cx, frame, &selection)?;
+            cpu = Some(selection);
+        }
+        // SAFETY: this function's contract.
+        let mut commands = unsafe { Commands::new(&self.cx, cmd) };
+        let c = &mut commands;
+        if slot.timestamps != vk::QueryPool::null() {
+            c.reset_queries(slot.timestamps, Stamp::Count as u32);
+        }
+        if slot.statistics != vk::QueryPool::null() {
+            c.reset_queries(slot.statistics, 1);
+        }
+        stamp(c, slot, Stamp::SelectBegin);
+        if cpu.is_none() {
+            let drawing = Drawing {
+                pipelines: &self.pipelines,
+                residents: &self.residents,
+                slot,
+            };
+            c.label("select", |c| crate::select::record(c, &drawing));
+            if let Some(b) = &slot.buffers {
+                copy_lists(c, slot, b, self.keep_lists);
+            }
+        }
+        stamp(c, slot, Stamp::SelectEnd);
+        slot.recorded = Some(Recorded {
+            options: *options,
+            view: *view,
+            cpu,
+            drawn: false,
+            draw_calls: 0,
+            upload_ms: slot.upload_ms,
+            bins: tables.bands.len(),
+        });
+        Ok(())
+    }
+
+    /// Records the draws, with viewport and scissor over the view's size. Inside a dynamic rendering scope with the formats
+    /// of the description; leaves pipeline, sets, index buffer, viewport and scissor changed.
+    ///
+    /// # Safety
+    /// `cmd` is recording and inside rendering; what `record_select` recorded for this frame runs before it.
+    ///
+    /// Errors: [`RenderError::Order`] before `record_select`, or where a character's upload was never recorded.
+    pub unsafe fn record_draw(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        frame: usize,
+    ) -> Result<(), RenderError> {
+        if !self.uploads.is_empty() {
+            return Err(RenderError::Order {
+                call: "record_draw",
+                reason: "record_uploads comes first: there are characters that were not uploaded",
+            });
+        }
+        let slot = self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))?;
+        let Some(mut recorded) = slot.recorded.take() else {
+            return Err(RenderError::Order {
+                call: "record_draw",
+                reason: "record_select comes first",
+            });
+        };
+        // SAFETY: this function's contract.
+        let mut commands = unsafe { Commands::new(&self.cx, cmd) };
+        let c = &mut commands;
+        let drawing = Drawing {
+            pipelines: &self.pipelines,
+            residents: &self.residents,
+            slot,
+        };
+        stamp(c, slot, Stamp::DrawBegin);
+        c.set_viewport(recorded.view.size_px);
+        let statistics = slot.statistics != vk::QueryPool::null();
+        if statistics {
+            c.begin_query(slot.statistics);
+        }
+        c.label("mesh", |c| {
+            crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
+        });
+        if statistics {
+            c.end_query(slot.statistics);
+        }
+        stamp(c, slot, Stamp::MeshEnd);
+        if recorded.options.ground {
+            c.label("ground", |c| crate::ground::record(c, &drawing));
+        }
+        stamp(c, slot, Stamp::GroundEnd);
+        if recorded.options.sky {
+            c.label("sky", |c| crate::sky::record(c, &drawing));
+        }
+        stamp(c, slot, Stamp::SkyEnd);
+        recorded.draw_calls = c.draw_calls;
+        recorded.drawn = true;
+        slot.recorded = Some(recorded);
+        Ok(())
+    }
+
+    /// Destroys every object.
+    ///
+    /// # Safety
+    /// All commands that this renderer recorded are finished.
+    pub unsafe fn destroy(mut self) {
+        let cx = &self.cx;
+        for slot in self.slots.drain(..) {
+            slot.destroy(cx);
+        }
+        for resident in self.residents.drain(..) {
+            resident.destroy(cx);
+        }
+        for upload in self.uploads.drain(..) {
+            upload.destroy(cx);
+        }
+        for garbage in self.garbage.drain(..) {
+            cx.destroy_buffer(garbage.buffer);
+        }
+        if let Some(tables) = self.table_buffers.take() {
+            tables
+                .into_buffers()
+                .into_iter()
+                .for_each(|b| cx.destroy_buffer(b));
+        }
+        self.pipelines.destroy(cx);
+        // The allocator frees its blocks here, after everything in them.
+        drop(
+            cx.allocator
+                .lock()
+                .unwrap_or_else(|e| e.into_inner())
+                .take(),
+        );
+    }
+
+    /// Keeps a buffer until every slot has begun again.
+    fn discard(&mut self, buffer: Buffer) {
+        let slots = u64::MAX >> (64 - self.slots.len());
+        self.garbage.push(Garbage { slots, buffer });
+    }
+
+    /// Makes new table buffers where characters were added.
+    fn update_tables(&mut self) -> Result<(), RenderError> {
+        let current = self
+            .table_buffers
+            .as_ref()
+            .is_some_and(|t| t.version == self.table_version);
+        if !current {
+            let new = TableBuffers::new(&self.cx, &self.tables, self.table_version)?;
+            if let Some(old) = self.table_buffers.replace(new) {
+                for buffer in old.into_buffers() {
+                    self.discard(buffer);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn slot_mut(&mut self, frame: usize) -> Result<&mut Slot, RenderError> {
+        self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))
+    }
+}
+
+pub(super) fn no_slot(frame: usize) -> RenderError {
+    RenderError::BadOption {
+        option: "frame",
+        reason: format!("there is no frame in flight {frame}"),
+    }
+}
+
+fn stamp(c: &mut Commands, slot: &Slot, stamp: Stamp) {
+    if slot.timestamps != vk::QueryPool::null() {
+        c.write_timestamp(slot.timestamps, stamp as u32);
+    }
+}
+
+/// Copies the tally, and the lists where tests want them, to where the host reads.
+fn copy_lists(c: &mut Commands, slot: &Slot, b: &super::slot::SlotBuffers, keep_lists: bool) {
+    let bytes = list_bytes(slot.shape);
+    let mut offset = 0;
+    for (from, size) in [&b.tally, &b.draws, &b.instances, &b.poses]
+        .into_iter()
+        .zip(bytes)
+        .take(if keep_lists { 4 } else { 1 })
+    {
+        let size = size.min(from.size_bytes);
+        let region = vk::BufferCopy {
+            src_offset: 0,
+            dst_offset: offset,
+            size,
+        };
+        c.copy_buffer(from, &b.readback, region);
+        offset += size;
+    }
+    c.barrier(Access::TransferWrite, &[Access::HostRead]);
+}
+
+/// The GPU's form of an agent, checked.
+fn agent_state(tables: &Tables, index: usize, agent: &Agent) -> Result<AgentState, RenderError> {
+    let bad = |reason: String| Err(RenderError::BadAgent { index, reason });
+    let Some(&clip_count) = tables.clip_counts.get(agent.character.0 as usize) else {
+        return bad(format!("there is no character {}", agent.character.0));
+    };
+    if agent.clips[0] >= clip_count || (agent.blend > 0.0 && agent.clips[1] >= clip_count) {
+        return bad(format!(
+            "its clips are {:?} and its character has {clip_count}",
+            agent.clips
+        ));
+    }
+    let finite = agent.position.is_finite()
+        && agent.heading.is_finite()
+        && agent.scale.is_finite()
+        && agent.phases.iter().all(|p| p.is_finite())
+        && agent.blend.is_finite();
+    if !finite || agent.scale <= 0.0 {
+        return bad("a number is not finite, or its scale is not greater than 0".into());
+    }
+    let blended = agent.blend > 0.0;
+    Ok(AgentState {
+        position: agent.position.into(),
+        heading: agent.heading,
+        scale: agent.scale,
+        character: agent.character.0,
+        clip0: agent.clips[0],
+        clip1: agent.clips[blended as usize],
+        phase0: agent.phases[0],
+        phase1: agent.phases[1],
+        blend: agent.blend.clamp(0.0, 1.0),
+        tint_seed: agent.tint_seed,
+    })
+}

@@ -1,0 +1,172 @@
+//! After the host's fence: what a frame did.
+
+use ash::vk;
+
+use super::renderer::{Renderer, no_slot};
+use super::slot::{Slot, Stamp, list_bytes};
+use crate::error::RenderError;
+use crate::frame::{FrameReport, Representation, StageTime};
+use crate::gpu_types::{
+    DrawCommand, Instance, Pose, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
+    TALLY_VISIBLE,
+};
+use crate::reference::select::Selection;
+
+impl Renderer {
+    /// What the frame in slot `frame` did. Never waits.
+    ///
+    /// # Safety
+    /// The commands recorded for the frame are finished (the host's fence is signalled).
+    ///
+    /// Errors: [`RenderError::Order`] where nothing was drawn in the slot.
+    pub unsafe fn report(&self, frame: usize) -> Result<FrameReport, RenderError> {
+        let slot = self.slots.get(frame).ok_or_else(|| no_slot(frame))?;
+        let recorded = slot
+            .recorded
+            .as_ref()
+            .filter(|r| r.drawn)
+            .ok_or(RenderError::Order {
+                call: "report",
+                reason: "record_select and record_draw come first",
+            })?;
+        let (visible, live_vertices, counts) = match (&recorded.cpu, &slot.buffers) {
+            (Some(selection), _) => (
+                selection.visible,
+                selection.live_vertices,
+                selection.draws.iter().map(|d| d.instance_count).collect(),
+            ),
+            (None, Some(buffers)) => {
+                let mut tally: Vec<u32> = buffers.readback.read(TALLY_BINS + recorded.bins);
+                let counts = tally.split_off(TALLY_BINS);
+                (
+                    tally[TALLY_VISIBLE] as u64,
+                    tally[TALLY_LIVE_VERTICES_LOW] as u64
+                        + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 16),
+                    counts,
+                )
+            }
+            (None, None) => (0, 0, Vec::new()),
+        };
+        let triangles = counts
+            .iter()
+            .zip(&self.tables.bands)
+            .map(|(&count, band)| count as u64 * (band.index_count / 3) as u64)
+            .sum();
+        let agents = slot.agents.len() as u64;
+        Ok(FrameReport {
+            device: self.device_name().into(),
+            driver: self.driver().into(),
+            agents,
+            visible,
+            culled: agents - visible,
+            draw_calls: recorded.draw_calls,
+            instances: counts.iter().map(|&c| c as u64).sum(),
+            triangles,
+            live_vertices,
+            vertex_invocations: self.vertex_invocations(slot),
+            frame_ms: None,
+            stage_ms: self.stage_times(slot, recorded.upload_ms),
+            representations: vec![Representation {
+                kind: "mesh",
+                agents: visible,
+            }],
+        })
+    }
+
+    /// The lists of the frame in slot `frame`, sorted by agent; `None` where the renderer does not keep them.
+    ///
+    /// # Safety
+    /// As for [`Renderer::report`].
+    pub unsafe fn selection(&self, frame: usize) -> Option<Selection> {
+        let slot = self.slots.get(frame)?;
+        let recorded = slot.recorded.as_ref()?;
+        if let Some(selection) = &recorded.cpu {
+            return Some(selection.clone());
+        }
+        let buffers = slot.buffers.as_ref().filter(|_| self.keep_lists)?;
+        let [tally_bytes, draw_bytes, instance_bytes, pose_bytes] = list_bytes(slot.shape);
+        let all: Vec<u8> = buffers
+            .readback
+            .read((tally_bytes + draw_bytes + instance_bytes + pose_bytes) as usize);
+        let bins = recorded.bins;
+        let tally: Vec<u32> = bytemuck::pod_collect_to_vec(&all[..4 * (TALLY_BINS + bins)]);
+        let rest = &all[tally_bytes as usize..];
+        let draws: Vec<DrawCommand> =
+            bytemuck::pod_collect_to_vec(&rest[..bins * size_of::<DrawCommand>()]);
+        let rest = &rest[draw_bytes as usize..];
+        let instance_count: u64 = draws.iter().map(|d| d.instance_count as u64).sum();
+        let mut instances: Vec<Instance> =
+            bytemuck::pod_collect_to_vec(&rest[..instance_count as usize * size_of::<Instance>()]);
+        let rest = &rest[instance_bytes as usize..];
+        let poses: Vec<Pose> =
+            bytemuck::pod_collect_to_vec(&rest[..slot.agents.len() * size_of::<Pose>()]);
+        for draw in &draws {
+            let list = draw.first_instance as usize
+                ..draw.first_instance as usize + draw.instance_count as usize;
+            if let Some(list) = instances.get_mut(list) {
+                list.sort_unstable_by_key(|i| i.agent);
+            }
+        }
+        Some(Selection {
+            poses,
+            instances,
+            draws,
+            visible: tally[TALLY_VISIBLE] as u64,
+            live_vertices: tally[TALLY_LIVE_VERTICES_LOW] as u64
+                + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 16),
+        })
+    }
+
+    fn vertex_invocations(&self, slot: &Slot) -> Option<u64> {
+        if slot.statistics == vk::QueryPool::null() {
+            return None;
+        }
+        let mut count = [0u64; 1];
+        // SAFETY: the pool is alive and its commands are finished (`report`'s contract); without WAIT this returns at once.
+        unsafe {
+            self.cx.device.get_query_pool_results(
+                slot.statistics,
+                0,
+                &mut count,
+                vk::QueryResultFlags::TYPE_64,
+            )
+        }
+        .ok()?;
+        Some(count[0])
+    }
+
+    fn stage_times(&self, slot: &Slot, upload_ms: f64) -> Vec<StageTime> {
+        let mut times = vec![StageTime {
+            stage: "upload",
+            ms: upload_ms,
+        }];
+        let Some(period_ns) = self.cx.capabilities.timestamp_ns else {
+            return times;
+        };
+        let mut ticks = [0u64; Stamp::Count as usize];
+        // SAFETY: as in `vertex_invocations`.
+        let read = unsafe {
+            self.cx.device.get_query_pool_results(
+                slot.timestamps,
+                0,
+                &mut ticks,
+                vk::QueryResultFlags::TYPE_64,
+            )
+        };
+        if read.is_ok() {
+            for (stage, from, to) in [
+                ("select", Stamp::SelectBegin, Stamp::SelectEnd),
+                ("mesh", Stamp::DrawBegin, Stamp::MeshEnd),
+                ("ground", Stamp::MeshEnd, Stamp::GroundEnd),
+                ("sky", Stamp::GroundEnd, Stamp::SkyEnd),
+            ] {
+                let ticks = ticks[to as usize].saturating_sub(ticks[from as usize]);
+                times.push(StageTime {
+                    stage,
+                    ms: ticks as f64 * period_ns * 1e-6,
+                });
+            }
+        }
+        times
+    }
+}

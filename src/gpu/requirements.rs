@@ -1,0 +1,215 @@
+//! Everything that the library asks of a device, in one place. A host enables what [`Features`] lists.
+
+use std::ffi::CStr;
+
+use ash::vk;
+
+use crate::error::RenderError;
+use crate::gpu_types::{PALETTE_ROW_ENTRIES, SCAN_GROUP_SIZE, VERTEX_ROW_VERTICES};
+
+/// Vulkan version of instance and device.
+pub const API_VERSION: u32 = vk::API_VERSION_1_3;
+
+/// Feature structs with exactly the required features on, to chain into a `VkDeviceCreateInfo`.
+#[derive(Debug, Clone, Copy)]
+pub struct Features {
+    /// Core features.
+    pub core: vk::PhysicalDeviceFeatures,
+    /// `dynamicRendering` and `synchronization2`.
+    pub vulkan13: vk::PhysicalDeviceVulkan13Features<'static>,
+}
+
+/// The features that a host has to enable; `pipeline_statistics` asks for the optional one, which makes reports count
+/// vertex-shader runs.
+pub fn features(pipeline_statistics: bool) -> Features {
+    Features {
+        core: vk::PhysicalDeviceFeatures::default()
+            .multi_draw_indirect(true)
+            .draw_indirect_first_instance(true)
+            .pipeline_statistics_query(pipeline_statistics),
+        vulkan13: vk::PhysicalDeviceVulkan13Features::default()
+            .dynamic_rendering(true)
+            .synchronization2(true),
+    }
+}
+
+/// Limits and options of a device that the library adapts to.
+#[derive(Debug, Clone)]
+pub(crate) struct Capabilities {
+    pub device: String,
+    pub driver: String,
+    pub storage_range: u64,
+    pub image_size: u32,
+    pub image_layers: u32,
+    pub draw_indirect_count: u32,
+    pub workgroups: u32,
+    pub timestamp_ns: Option<f64>,
+}
+
+/// Checks `physical_device` against everything the library needs.
+///
+/// Errors: [`RenderError::MissingFeature`] with the first thing that is missing.
+pub(crate) fn check(
+    instance: &ash::Instance,
+    physical_device: vk::PhysicalDevice,
+    queue_family: u32,
+    color_format: vk::Format,
+    depth_format: vk::Format,
+) -> Result<Capabilities, RenderError> {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
+    let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default();
+    // SAFETY: the caller's promise in `Renderer::new` is that instance and physical device are alive.
+    let families = unsafe {
+        instance.get_physical_device_properties2(physical_device, &mut properties);
+        instance.get_physical_device_queue_family_properties(physical_device)
+    };
+    let p = properties.properties;
+    let device = text(&p.device_name);
+    let missing = |feature: &str, needed_for: &str| RenderError::MissingFeature {
+        device: device.clone(),
+        feature: feature.into(),
+        needed_for: needed_for.into(),
+    };
+    if p.api_version < API_VERSION {
+        return Err(missing("Vulkan 1.3", "everything"));
+    }
+    features = features.push_next(&mut vulkan13);
+    // SAFETY: as above.
+    unsafe { instance.get_physical_device_features2(physical_device, &mut features) };
+    let core = features.features;
+    for (there, feature, needed_for) in [
+        (
+            core.multi_draw_indirect,
+            "multiDrawIndirect",
+            "one draw call per submesh",
+        ),
+        (
+            core.draw_indirect_first_instance,
+            "drawIndirectFirstInstance",
+            "instance lists",
+        ),
+        (
+            vulkan13.dynamic_rendering,
+            "dynamicRendering",
+            "drawing into the host's targets",
+        ),
+        (vulkan13.synchronization2, "synchronization2", "barriers"),
+    ] {
+        if there == vk::FALSE {
+            return Err(missing(feature, needed_for));
+        }
+    }
+    let l = &p.limits;
+    for (has, needs, limit, needed_for) in [
+        (
+            l.max_per_stage_descriptor_storage_buffers,
+            11,
+            "maxPerStageDescriptorStorageBuffers",
+            "select",
+        ),
+        (
+            l.max_compute_work_group_invocations,
+            SCAN_GROUP_SIZE,
+            "maxComputeWorkGroupInvocations",
+            "select",
+        ),
+        (
+            l.max_compute_work_group_size[0],
+            SCAN_GROUP_SIZE,
+            "maxComputeWorkGroupSize",
+            "select",
+        ),
+        (
+            l.max_image_dimension2_d,
+            (3 * PALETTE_ROW_ENTRIES).max(2 * VERTEX_ROW_VERTICES),
+            "maxImageDimension2D",
+            "character textures",
+        ),
+        (
+            l.max_bound_descriptor_sets,
+            3,
+            "maxBoundDescriptorSets",
+            "mesh",
+        ),
+    ] {
+        if has < needs {
+            return Err(missing(
+                &format!("{limit} of at least {needs} (it has {has})"),
+                needed_for,
+            ));
+        }
+    }
+    let sampled = vk::FormatFeatureFlags::SAMPLED_IMAGE | vk::FormatFeatureFlags::TRANSFER_DST;
+    for (format, wants, needed_for) in [
+        (vk::Format::R32G32B32A32_UINT, sampled, "the vertex texture"),
+        (vk::Format::R32G32_UINT, sampled, "the collapse texture"),
+        (
+            vk::Format::R32G32B32A32_SFLOAT,
+            sampled,
+            "the palette texture",
+        ),
+        (
+            vk::Format::R8G8B8A8_UNORM,
+            sampled | vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR,
+            "the texture array",
+        ),
+        (
+            color_format,
+            vk::FormatFeatureFlags::COLOR_ATTACHMENT,
+            "the colour target",
+        ),
+        (
+            depth_format,
+            vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT,
+            "the depth target",
+        ),
+    ] {
+        // SAFETY: as above.
+        let has =
+            unsafe { instance.get_physical_device_format_properties(physical_device, format) };
+        if !has.optimal_tiling_features.contains(wants) {
+            return Err(missing(
+                &format!("format {format:?} as {wants:?}"),
+                needed_for,
+            ));
+        }
+    }
+    let Some(family) = families.get(queue_family as usize) else {
+        return Err(missing(
+            &format!("queue family {queue_family}"),
+            "everything",
+        ));
+    };
+    if !family
+        .queue_flags
+        .contains(vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE)
+    {
+        return Err(missing(
+            "graphics and compute on the host's queue family",
+            "everything",
+        ));
+    }
+    let driver_name = text(&driver.driver_name);
+    let driver_info = text(&driver.driver_info);
+    Ok(Capabilities {
+        device,
+        driver: format!("{driver_name} {driver_info}"),
+        storage_range: l.max_storage_buffer_range as u64,
+        image_size: l.max_image_dimension2_d,
+        image_layers: l.max_image_array_layers,
+        draw_indirect_count: l.max_draw_indirect_count,
+        workgroups: l.max_compute_work_group_count[0],
+        timestamp_ns: (family.timestamp_valid_bits > 0 && l.timestamp_period > 0.0)
+            .then_some(l.timestamp_period as f64),
+    })
+}
+
+/// A C string in a fixed array.
+pub(crate) fn text(array: &[std::ffi::c_char]) -> String {
+    let bytes: &[u8] = bytemuck::cast_slice(array);
+    CStr::from_bytes_until_nul(bytes)
+        .map(|s| s.to_string_lossy().into_owned())
+        .unwrap_or_default()
+}

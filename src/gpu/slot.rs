@@ -1,0 +1,474 @@
+//! What a frame in flight owns: its buffers, descriptor sets and queries.
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+
+use super::context::Context;
+use super::memory::Buffer;
+use super::pipeline::{Pipelines, allocate_set, descriptor_pool, write_buffers};
+use crate::error::RenderError;
+use crate::frame::{FrameOptions, View};
+use crate::gpu_types::{
+    AgentState, DrawCommand, FrameConstants, Instance, Pose, Selected, TALLY_BINS,
+};
+use crate::prepare::Tables;
+use crate::reference::select::Selection;
+
+/// Timestamps of a frame, in order.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Stamp {
+    SelectBegin,
+    SelectEnd,
+    DrawBegin,
+    MeshEnd,
+    GroundEnd,
+    SkyEnd,
+    Count,
+}
+
+/// Sizes that a slot's buffers are made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Shape {
+    pub agents: u32,
+    pub submesh_stride: u32,
+    pub bins: u32,
+}
+
+impl Shape {
+    /// This shape's buffers hold everything of `other`, with the same stride.
+    fn holds(&self, other: &Shape) -> bool {
+        self.agents >= other.agents
+            && self.bins >= other.bins
+            && self.submesh_stride == other.submesh_stride
+    }
+
+    fn entries(&self) -> u64 {
+        self.agents as u64 * self.submesh_stride as u64
+    }
+}
+
+/// Buffers whose sizes go by the crowd.
+pub(crate) struct SlotBuffers {
+    pub agents: Buffer,
+    pub tally: Buffer,
+    pub selected: Buffer,
+    pub poses: Buffer,
+    pub draws: Buffer,
+    pub instances: Buffer,
+    /// Tally, and behind it, for tests, draws, instances and poses.
+    pub readback: Buffer,
+}
+
+/// Lists that the CPU made for [`crate::Method::Uninstanced`].
+pub(crate) struct CpuBuffers {
+    pub poses: Buffer,
+    pub instances: Buffer,
+}
+
+/// What was recorded into the slot's command buffer.
+pub(crate) struct Recorded {
+    pub options: FrameOptions,
+    pub view: View,
+    /// Set where the CPU selected.
+    pub cpu: Option<Selection>,
+    pub drawn: bool,
+    pub draw_calls: u64,
+    pub upload_ms: f64,
+    /// Lists at the time of recording.
+    pub bins: usize,
+}
+
+pub(crate) struct Slot {
+    pub shape: Shape,
+    pub buffers: Option<SlotBuffers>,
+    pub cpu_buffers: Option<CpuBuffers>,
+    pub constants: Buffer,
+    pub agents: Vec<AgentState>,
+    /// Agents of each character.
+    pub agent_counts: Vec<u32>,
+    pub select_set: vk::DescriptorSet,
+    pub draw_set: vk::DescriptorSet,
+    pub cpu_draw_set: vk::DescriptorSet,
+    pub timestamps: vk::QueryPool,
+    pub statistics: vk::QueryPool,
+    pub recorded: Option<Recorded>,
+    pub begun: bool,
+    pub upload_ms: f64,
+    /// Version of the tables that the sets name.
+    pub table_version: u64,
+    pool: vk::DescriptorPool,
+}
+
+/// The select stage's tables on the device, shared by all slots.
+pub(crate) struct TableBuffers {
+    pub version: u64,
+    buffers: [Buffer; 5],
+}
+
+impl TableBuffers {
+    pub fn new(cx: &Context, tables: &Tables, version: u64) -> Result<Self, RenderError> {
+        let mut made: Vec<Buffer> = Vec::new();
+        let mut table = |name: &str, bytes: &[u8]| -> Result<(), RenderError> {
+            check_range(cx, name, bytes.len() as u64)?;
+            let mut buffer = cx.create_buffer(
+                name,
+                bytes.len() as u64,
+                vk::BufferUsageFlags::STORAGE_BUFFER,
+                MemoryLocation::CpuToGpu,
+            )?;
+            buffer.write(0, bytes);
+            made.push(buffer);
+            Ok(())
+        };
+        let result = table("characters", bytemuck::cast_slice(&tables.characters))
+            .and_then(|()| table("clips", bytemuck::cast_slice(&tables.clips)))
+            .and_then(|()| table("submeshes", bytemuck::cast_slice(&tables.submeshes)))
+            .and_then(|()| table("bands", bytemuck::cast_slice(&tables.bands)))
+            .and_then(|()| {
+                table(
+                    "collapse errors",
+                    bytemuck::cast_slice(&tables.collapse_errors),
+                )
+            });
+        match (result, made.try_into()) {
+            (Ok(()), Ok(buffers)) => Ok(Self { version, buffers }),
+            (Err(e), Err(made)) => {
+                made.into_iter().for_each(|b| cx.destroy_buffer(b));
+                Err(e)
+            }
+            _ => unreachable!("all five tables were made, or one failed"),
+        }
+    }
+
+    pub fn into_buffers(self) -> [Buffer; 5] {
+        self.buffers
+    }
+}
+
+/// Errors: [`RenderError::Limit`] where a storage buffer would be larger than the device allows.
+fn check_range(cx: &Context, name: &str, bytes: u64) -> Result<(), RenderError> {
+    if bytes > cx.capabilities.storage_range {
+        return Err(RenderError::Limit {
+            object: cx.full_name(name),
+            needed: bytes,
+            limit: cx.capabilities.storage_range,
+            unit: "bytes of storage buffer",
+            hint: "draw fewer agents with one renderer, or split the crowd",
+        });
+    }
+    Ok(())
+}
+
+impl Slot {
+    pub fn new(cx: &Context, pipelines: &Pipelines, index: usize) -> Result<Self, RenderError> {
+        let name = |what: &str| format!("{what} of frame {index}");
+        let mut slot = Self {
+            shape: Shape::default(),
+            buffers: None,
+            cpu_buffers: None,
+            constants: cx.create_buffer(
+                &name("constants"),
+                size_of::<FrameConstants>() as u64,
+                vk::BufferUsageFlags::UNIFORM_BUFFER,
+                MemoryLocation::CpuToGpu,
+            )?,
+            agents: Vec::new(),
+            agent_counts: Vec::new(),
+            select_set: vk::DescriptorSet::null(),
+            draw_set: vk::DescriptorSet::null(),
+            cpu_draw_set: vk::DescriptorSet::null(),
+            timestamps: vk::QueryPool::null(),
+            statistics: vk::QueryPool::null(),
+            recorded: None,
+            begun: false,
+            upload_ms: 0.0,
+            table_version: 0,
+            pool: vk::DescriptorPool::null(),
+        };
+        match slot.fill(cx, pipelines, &name) {
+            Ok(()) => Ok(slot),
+            Err(e) => {
+                slot.destroy(cx);
+                Err(e)
+            }
+        }
+    }
+
+    fn fill(
+        &mut self,
+        cx: &Context,
+        pipelines: &Pipelines,
+        name: &dyn Fn(&str) -> String,
+    ) -> Result<(), RenderError> {
+        self.pool = descriptor_pool(cx, &name("sets"), 3, 16)?;
+        self.select_set = allocate_set(cx, &name("select set"), self.pool, pipelines.select_set)?;
+        self.draw_set = allocate_set(cx, &name("draw set"), self.pool, pipelines.draw_set)?;
+        self.cpu_draw_set = allocate_set(
+            cx,
+            &name("uninstanced draw set"),
+            self.pool,
+            pipelines.draw_set,
+        )?;
+        let pool = |what: &str, info: vk::QueryPoolCreateInfo| {
+            // SAFETY: the context's device is alive.
+            let pool = unsafe { cx.device.create_query_pool(&info, None) }.map_err(
+                RenderError::vulkan(cx.full_name(&name(what)), "vkCreateQueryPool"),
+            )?;
+            cx.set_name(pool, &name(what));
+            Ok::<_, RenderError>(pool)
+        };
+        if cx.capabilities.timestamp_ns.is_some() {
+            self.timestamps = pool(
+                "timestamps",
+                vk::QueryPoolCreateInfo::default()
+                    .query_type(vk::QueryType::TIMESTAMP)
+                    .query_count(Stamp::Count as u32),
+            )?;
+        }
+        if cx.pipeline_statistics {
+            self.statistics = pool(
+                "statistics",
+                vk::QueryPoolCreateInfo::default()
+                    .query_type(vk::QueryType::PIPELINE_STATISTICS)
+                    .pipeline_statistics(vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS)
+                    .query_count(1),
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Makes the buffers hold `shape` and the sets name them and the tables. No pending command uses the slot.
+    pub fn reserve(
+        &mut self,
+        cx: &Context,
+        index: usize,
+        shape: Shape,
+        tables: &TableBuffers,
+        keep_lists: bool,
+    ) -> Result<(), RenderError> {
+        let fits = self.buffers.is_some() && self.shape.holds(&shape);
+        if !fits {
+            // Growing by half at least keeps a slowly growing crowd from making buffers every frame.
+            let shape = Shape {
+                agents: shape.agents.max(if self.buffers.is_some() {
+                    self.shape
+                        .agents
+                        .saturating_add(self.shape.agents / 2)
+                        .min(shape.agents.saturating_mul(2))
+                } else {
+                    0
+                }),
+                bins: shape.bins.max(self.shape.bins),
+                ..shape
+            };
+            let buffers = SlotBuffers::new(cx, index, shape, keep_lists)?;
+            if let Some(old) = self.buffers.replace(buffers) {
+                old.destroy(cx);
+            }
+            self.shape = shape;
+        }
+        if let Some(b) = &self.buffers
+            && (!fits || self.table_version != tables.version)
+        {
+            const UNIFORM: vk::DescriptorType = vk::DescriptorType::UNIFORM_BUFFER;
+            const STORAGE: vk::DescriptorType = vk::DescriptorType::STORAGE_BUFFER;
+            let [characters, clips, submeshes, bands, errors] = &tables.buffers;
+            let mut select = vec![(UNIFORM, self.constants.handle)];
+            select.extend(
+                [
+                    &b.agents,
+                    characters,
+                    clips,
+                    submeshes,
+                    bands,
+                    errors,
+                    &b.tally,
+                    &b.selected,
+                    &b.poses,
+                    &b.draws,
+                    &b.instances,
+                ]
+                .map(|buffer| (STORAGE, buffer.handle)),
+            );
+            write_buffers(cx, self.select_set, &select);
+            write_buffers(
+                cx,
+                self.draw_set,
+                &[
+                    (UNIFORM, self.constants.handle),
+                    (STORAGE, b.instances.handle),
+                    (STORAGE, b.poses.handle),
+                ],
+            );
+            self.table_version = tables.version;
+        }
+        Ok(())
+    }
+
+    /// Puts the CPU's lists where shaders read them.
+    pub fn write_cpu_lists(
+        &mut self,
+        cx: &Context,
+        index: usize,
+        selection: &Selection,
+    ) -> Result<(), RenderError> {
+        let bytes = [
+            size_of_val(&selection.poses[..]) as u64,
+            size_of_val(&selection.instances[..]) as u64,
+        ];
+        let fits = self
+            .cpu_buffers
+            .as_ref()
+            .is_some_and(|b| b.poses.size_bytes >= bytes[0] && b.instances.size_bytes >= bytes[1]);
+        if !fits {
+            let list = |what: &str, bytes: u64| {
+                let name = format!("{what} of frame {index}");
+                check_range(cx, &name, bytes)?;
+                cx.create_buffer(
+                    &name,
+                    bytes,
+                    vk::BufferUsageFlags::STORAGE_BUFFER,
+                    MemoryLocation::CpuToGpu,
+                )
+            };
+            let poses = list("uninstanced poses", bytes[0])?;
+            let instances = match list("uninstanced instances", bytes[1]) {
+                Ok(buffer) => buffer,
+                Err(e) => {
+                    cx.destroy_buffer(poses);
+                    return Err(e);
+                }
+            };
+            write_buffers(
+                cx,
+                self.cpu_draw_set,
+                &[
+                    (vk::DescriptorType::UNIFORM_BUFFER, self.constants.handle),
+                    (vk::DescriptorType::STORAGE_BUFFER, instances.handle),
+                    (vk::DescriptorType::STORAGE_BUFFER, poses.handle),
+                ],
+            );
+            if let Some(old) = self.cpu_buffers.replace(CpuBuffers { poses, instances }) {
+                cx.destroy_buffer(old.poses);
+                cx.destroy_buffer(old.instances);
+            }
+        }
+        if let Some(b) = &mut self.cpu_buffers {
+            b.poses.write(0, &selection.poses);
+            b.instances.write(0, &selection.instances);
+        }
+        Ok(())
+    }
+
+    /// Destroys everything; no pending command may use any of it.
+    pub fn destroy(self, cx: &Context) {
+        // SAFETY: the caller's promise; null is ignored; consumed, so once.
+        unsafe {
+            cx.device.destroy_query_pool(self.timestamps, None);
+            cx.device.destroy_query_pool(self.statistics, None);
+            cx.device.destroy_descriptor_pool(self.pool, None);
+        }
+        cx.destroy_buffer(self.constants);
+        if let Some(b) = self.buffers {
+            b.destroy(cx);
+        }
+        if let Some(b) = self.cpu_buffers {
+            cx.destroy_buffer(b.poses);
+            cx.destroy_buffer(b.instances);
+        }
+    }
+}
+
+impl SlotBuffers {
+    fn new(
+        cx: &Context,
+        index: usize,
+        shape: Shape,
+        keep_lists: bool,
+    ) -> Result<Self, RenderError> {
+        use MemoryLocation::{CpuToGpu, GpuOnly, GpuToCpu};
+        use vk::BufferUsageFlags as U;
+        let [tally, draws, instances, poses] = list_bytes(shape);
+        let readback = if keep_lists {
+            tally + draws + instances + poses
+        } else {
+            tally
+        };
+        let storage = U::STORAGE_BUFFER;
+        let source = storage | U::TRANSFER_SRC;
+        let wanted = [
+            (
+                "agents",
+                shape.agents as u64 * size_of::<AgentState>() as u64,
+                storage,
+                CpuToGpu,
+            ),
+            ("tally", tally, source | U::TRANSFER_DST, GpuOnly),
+            (
+                "selected",
+                shape.entries() * size_of::<Selected>() as u64,
+                storage,
+                GpuOnly,
+            ),
+            ("poses", poses, source, GpuOnly),
+            ("draws", draws, source | U::INDIRECT_BUFFER, GpuOnly),
+            ("instances", instances, source, GpuOnly),
+            ("readback", readback, U::TRANSFER_DST, GpuToCpu),
+        ];
+        let mut made: Vec<Buffer> = Vec::new();
+        for (what, bytes, usage, location) in wanted {
+            let name = format!("{what} of frame {index}");
+            let buffer = match usage.contains(storage) {
+                true => check_range(cx, &name, bytes),
+                false => Ok(()),
+            }
+            .and_then(|()| cx.create_buffer(&name, bytes, usage, location));
+            match buffer {
+                Ok(buffer) => made.push(buffer),
+                Err(e) => {
+                    made.into_iter().for_each(|b| cx.destroy_buffer(b));
+                    return Err(e);
+                }
+            }
+        }
+        let Ok([agents, tally, selected, poses, draws, instances, readback]) =
+            <[Buffer; 7]>::try_from(made)
+        else {
+            unreachable!("seven buffers were made above");
+        };
+        Ok(Self {
+            agents,
+            tally,
+            selected,
+            poses,
+            draws,
+            instances,
+            readback,
+        })
+    }
+
+    fn destroy(self, cx: &Context) {
+        for buffer in [
+            self.agents,
+            self.tally,
+            self.selected,
+            self.poses,
+            self.draws,
+            self.instances,
+            self.readback,
+        ] {
+            cx.destroy_buffer(buffer);
+        }
+    }
+}
+
+/// Bytes of tally, draws, instances and poses, each a multiple of 16.
+pub(crate) fn list_bytes(shape: Shape) -> [u64; 4] {
+    [
+        (TALLY_BINS as u64 + shape.bins as u64) * 4,
+        shape.bins as u64 * size_of::<DrawCommand>() as u64,
+        shape.entries() * size_of::<Instance>() as u64,
+        shape.agents as u64 * size_of::<Pose>() as u64,
+    ]
+    .map(|bytes| bytes.next_multiple_of(16))
+}

@@ -1,0 +1,197 @@
+//! The structs that host and shaders share: twins of hlsl/gpu_types.hlsli, where every field is explained.
+//!
+//! One macro declares a struct and its field table; tests/layouts.rs compares the tables with the compiled modules.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Threads of a workgroup of the select stage.
+pub const SELECT_GROUP_SIZE: u32 = 64;
+/// Threads of the workgroup that scans the lists.
+pub const SCAN_GROUP_SIZE: u32 = 256;
+/// Palette entries in a row of the palette texture, 3 texels each.
+pub const PALETTE_ROW_ENTRIES: u32 = 1024;
+/// Vertices in a row of the vertex texture, 2 texels each, and of the collapse texture, 1 texel each.
+pub const VERTEX_ROW_VERTICES: u32 = 2048;
+/// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
+pub const SKINNING_ERROR_SHARE: f32 = 0.5;
+/// `Selected::bin` of a submesh that draws nothing.
+pub const BIN_NONE: u32 = u32::MAX;
+/// Place of the visible agents' count in the tally buffer.
+pub const TALLY_VISIBLE: usize = 0;
+/// Place of the sum of the low 16 bits of live vertices.
+pub const TALLY_LIVE_VERTICES_LOW: usize = 1;
+/// Place of the sum of the high 16 bits.
+pub const TALLY_LIVE_VERTICES_HIGH: usize = 2;
+/// Place of the first list's count.
+pub const TALLY_BINS: usize = 4;
+/// Every vertex lives.
+pub const FLAG_FULL_DETAIL: u32 = 1;
+/// No animation.
+pub const FLAG_STILL: u32 = 2;
+
+/// One field of a shared struct.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// Name, the same on both sides.
+    pub name: &'static str,
+    /// Bytes from the start of the struct.
+    pub offset: usize,
+    /// Bytes.
+    pub size: usize,
+}
+
+/// One shared struct.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    /// Name, the same on both sides.
+    pub name: &'static str,
+    /// Bytes, which is also the stride of an array of them.
+    pub size: usize,
+    /// In order.
+    pub fields: &'static [Field],
+}
+
+macro_rules! shared_structs {
+    ($($(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty,)* })*) => {
+        $(
+            $(#[$meta])*
+            #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+            #[repr(C)]
+            #[allow(missing_docs)] // the fields are explained in hlsl/gpu_types.hlsli
+            pub struct $name { $(pub $field: $type,)* }
+        )*
+        /// Every shared struct.
+        pub static LAYOUTS: &[Layout] = &[$(Layout {
+            name: stringify!($name),
+            size: size_of::<$name>(),
+            fields: &[$(Field {
+                name: stringify!($field),
+                offset: std::mem::offset_of!($name, $field),
+                size: size_of::<$type>(),
+            },)*],
+        },)*];
+    };
+}
+
+shared_structs! {
+    /// One member of the crowd.
+    struct AgentState {
+        position: [f32; 3],
+        heading: f32,
+        scale: f32,
+        character: u32,
+        clip0: u32,
+        clip1: u32,
+        phase0: f32,
+        phase1: f32,
+        blend: f32,
+        tint_seed: u32,
+    }
+    /// A character in the tables of the select stage.
+    struct CharacterInfo {
+        first_submesh: u32,
+        submesh_count: u32,
+        first_clip: u32,
+        joint_count: u32,
+        influences1_error: f32,
+        influences2_error: f32,
+        influences3_error: f32,
+        padding: u32,
+    }
+    /// A clip's bounds and frames.
+    struct ClipInfo {
+        sphere_center: [f32; 3],
+        sphere_radius: f32,
+        box_center: [f32; 3],
+        first_frame: u32,
+        box_half_extent: [f32; 3],
+        frame_count: u32,
+        nearest_error: f32,
+        padding0: u32,
+        padding1: u32,
+        padding2: u32,
+    }
+    /// A submesh's collapse errors and bands.
+    struct SubmeshInfo {
+        first_error: u32,
+        vertex_count: u32,
+        first_bin: u32,
+        band_count: u32,
+    }
+    /// An index window.
+    struct BandInfo {
+        first_index: u32,
+        index_count: u32,
+        vertex_count: u32,
+        padding: u32,
+    }
+    /// What the count pass found for one submesh of one agent.
+    struct Selected {
+        bin: u32,
+        rank: u32,
+        live_vertex_count: u32,
+        padding: u32,
+    }
+    /// Everything about a visible agent that all of its vertices share.
+    struct Pose {
+        position: [f32; 3],
+        tint_seed: u32,
+        heading_cos: f32,
+        heading_sin: f32,
+        influence_count: u32,
+        sample_count: u32,
+        sample_entries: [u32; 4],
+        sample_weights: [f32; 4],
+    }
+    /// An entry of an instance list.
+    struct Instance {
+        agent: u32,
+        live_vertex_count: u32,
+    }
+    /// `VkDrawIndexedIndirectCommand`.
+    struct DrawCommand {
+        index_count: u32,
+        instance_count: u32,
+        first_index: u32,
+        vertex_offset: i32,
+        first_instance: u32,
+    }
+    /// The view, the options and the light of one frame.
+    struct FrameConstants {
+        clip_from_world: [[f32; 4]; 4],
+        world_from_clip: [[f32; 4]; 4],
+        planes: [[f32; 4]; 6],
+        eye: [f32; 3],
+        near: f32,
+        to_sun: [f32; 3],
+        error_per_metre: f32,
+        sun: [f32; 3],
+        agent_count: u32,
+        sky: [f32; 3],
+        bin_count: u32,
+        ground: [f32; 3],
+        submesh_stride: u32,
+        haze: [f32; 3],
+        haze_per_metre: f32,
+        flags: u32,
+        padding0: u32,
+        padding1: u32,
+        padding2: u32,
+    }
+    /// A character's constants for drawing.
+    struct CharacterConstants {
+        position_min: [f32; 3],
+        padding0: f32,
+        position_extent: [f32; 3],
+        padding1: f32,
+        uv_min: [f32; 2],
+        uv_extent: [f32; 2],
+    }
+    /// Push constants of a submesh's draw.
+    struct DrawConstants {
+        first_vertex: u32,
+        alpha_cutoff: f32,
+        probe_vertex_count: u32,
+        probe_instance: u32,
+    }
+}

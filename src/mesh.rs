@@ -1,0 +1,65 @@
+//! mesh: one indirect multi-draw per submesh, a sub-draw per band. Host side of hlsl/mesh.hlsl; twin in
+//! [`crate::reference::mesh`].
+
+use ash::vk;
+
+use crate::gpu::{Commands, Drawing};
+use crate::gpu_types::DrawConstants;
+use crate::reference::select::Selection;
+
+const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
+const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+    vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
+);
+
+/// Records the crowd's draws: from the GPU's lists, or, where the CPU selected, one draw per agent and submesh.
+pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection>) {
+    let (slot, pipelines) = (drawing.slot, drawing.pipelines);
+    let Some(buffers) = &slot.buffers else { return };
+    let layout = pipelines.draw_layout;
+    let set = if cpu.is_some() {
+        slot.cpu_draw_set
+    } else {
+        slot.draw_set
+    };
+    let mut bound = None;
+    let mut set_bound = false;
+    for (resident, &agent_count) in drawing.residents.iter().zip(&slot.agent_counts) {
+        if agent_count == 0 {
+            continue;
+        }
+        for (i, draw) in resident.draws.iter().enumerate() {
+            let variant = draw.variant();
+            if bound != Some(variant) {
+                c.bind_pipeline(GRAPHICS, pipelines.mesh(variant));
+                bound = Some(variant);
+            }
+            if !set_bound {
+                c.bind_set(GRAPHICS, layout, 0, set);
+                set_bound = true;
+            }
+            if i == 0 {
+                c.bind_set(GRAPHICS, layout, 1, resident.set);
+                c.bind_indices(&resident.indices);
+            }
+            let constants = DrawConstants {
+                first_vertex: draw.first_vertex,
+                alpha_cutoff: draw.alpha_cutoff.unwrap_or(0.0),
+                probe_vertex_count: 0,
+                probe_instance: 0,
+            };
+            c.push_constants(layout, STAGES, &constants);
+            let first_bin = resident.first_bin + draw.first_band;
+            match cpu {
+                None => c.draw_indexed_indirect(&buffers.draws, first_bin, draw.band_count),
+                Some(selection) => {
+                    for d in &selection.draws[first_bin as usize..][..draw.band_count as usize] {
+                        for instance in d.first_instance..d.first_instance + d.instance_count {
+                            c.draw_indexed(d.index_count, d.first_index, instance);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

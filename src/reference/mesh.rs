@@ -1,0 +1,97 @@
+//! Twin of hlsl/mesh.hlsli: collapse and palette skinning of one instance.
+
+use glam::{Vec3, Vec4};
+use throng_bake::baked::{Baked, Vertex};
+use throng_bake::quantize::{decode_normal, decode_position, decode_weights};
+
+use crate::gpu_types::Pose;
+
+/// A skinned vertex in world space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Skinned {
+    /// Metres.
+    pub position: Vec3,
+    /// Unit length.
+    pub normal: Vec3,
+}
+
+/// Every vertex number of a submesh as an instance with `live_vertex_count` live vertices draws it.
+pub fn mesh(baked: &Baked, submesh: usize, pose: &Pose, live_vertex_count: u32) -> Vec<Skinned> {
+    let submesh = &baked.submeshes[submesh];
+    let first = submesh.first_vertex as usize;
+    (0..submesh.vertex_count)
+        .map(|i| {
+            let (living, _) = living_ancestor(baked, first, i, live_vertex_count);
+            skin_vertex(baked, &baked.vertices[first + living as usize], pose)
+        })
+        .collect()
+}
+
+/// Mean parents followed per vertex-shader run: over the distinct vertices of the band that an instance with
+/// `live_vertex_count` live vertices draws.
+pub fn mean_hops(baked: &Baked, submesh: usize, live_vertex_count: u32) -> f64 {
+    let s = &baked.submeshes[submesh];
+    let bands = &baked.bands[s.first_band as usize..][..s.band_count as usize];
+    let Some(band) = bands
+        .iter()
+        .rev()
+        .find(|b| b.vertex_count >= live_vertex_count)
+    else {
+        return 0.0;
+    };
+    let mut vertices =
+        baked.indices[band.first_index as usize..][..band.index_count as usize].to_vec();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let hops: u64 = vertices
+        .iter()
+        .map(|&v| living_ancestor(baked, s.first_vertex as usize, v, live_vertex_count).1 as u64)
+        .sum();
+    hops as f64 / vertices.len().max(1) as f64
+}
+
+/// The living ancestor of a vertex, numbered within its submesh, and the parents followed to it.
+pub fn living_ancestor(
+    baked: &Baked,
+    first_vertex: usize,
+    mut vertex: u32,
+    live_vertex_count: u32,
+) -> (u32, u32) {
+    let mut hops = 0;
+    while vertex >= live_vertex_count {
+        vertex = baked.collapse[first_vertex + vertex as usize].parent;
+        hops += 1;
+    }
+    (vertex, hops)
+}
+
+fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
+    let weights = decode_weights(vertex.weights);
+    let mut rows = [Vec4::ZERO; 3];
+    let mut sum = 0.0;
+    for j in 0..pose.influence_count as usize {
+        sum += weights[j];
+        for s in 0..pose.sample_count as usize {
+            let entry = &baked.palette[pose.sample_entries[s] as usize + vertex.joints[j] as usize];
+            for (row, from) in rows.iter_mut().zip(entry.rows) {
+                *row += weights[j] * pose.sample_weights[s] * Vec4::from_array(from);
+            }
+        }
+    }
+    let bind = decode_position(vertex, baked.position_min, baked.position_extent).extend(1.0);
+    let model = Vec3::from(rows.map(|r| r.dot(bind))) / sum;
+    let normal = decode_normal(vertex.normal);
+    let normal = Vec3::from(rows.map(|r| r.truncate().dot(normal)));
+    let scale = pose.heading_cos.hypot(pose.heading_sin);
+    let turn = |v: Vec3| {
+        Vec3::new(
+            pose.heading_cos * v.x + pose.heading_sin * v.z,
+            scale * v.y,
+            pose.heading_cos * v.z - pose.heading_sin * v.x,
+        )
+    };
+    Skinned {
+        position: Vec3::from(pose.position) + turn(model),
+        normal: turn(normal).normalize_or_zero(),
+    }
+}

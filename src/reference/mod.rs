@@ -1,0 +1,4 @@
+//! The CPU twins of the GPU stages: same inputs, same outputs, plain loops.
+
+pub mod mesh;
+pub mod select;

@@ -1,0 +1,239 @@
+//! Twin of hlsl/select.hlsl: culling, level of detail, instance lists.
+
+use bytemuck::Zeroable;
+use glam::{Vec3, Vec4};
+
+use crate::gpu_types::{
+    AgentState, BIN_NONE, CharacterInfo, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL,
+    FrameConstants, Instance, Pose, SKINNING_ERROR_SHARE, SubmeshInfo,
+};
+use crate::prepare::Tables;
+
+/// What the stage writes.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Selection {
+    /// By agent; zero where the agent is culled.
+    pub poses: Vec<Pose>,
+    /// The lists, one after the other in the order of their bins; agents rise within each.
+    pub instances: Vec<Instance>,
+    /// By bin.
+    pub draws: Vec<DrawCommand>,
+    /// Agents whose bounds touch the frustum.
+    pub visible: u64,
+    /// Sum over all instances of their live vertices.
+    pub live_vertices: u64,
+}
+
+/// The whole stage for `agents`, which name only characters and clips of `tables`.
+pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) -> Selection {
+    let mut lists: Vec<Vec<Instance>> = vec![Vec::new(); tables.bands.len()];
+    let mut selection = Selection {
+        poses: vec![Pose::zeroed(); agents.len()],
+        ..Default::default()
+    };
+    for (index, agent) in agents.iter().enumerate() {
+        let Some((pose, lod_error)) = view_agent(tables, agent, frame) else {
+            continue;
+        };
+        selection.visible += 1;
+        selection.poses[index] = pose;
+        let character = &tables.characters[agent.character as usize];
+        for submesh in &tables.submeshes[character.first_submesh as usize..]
+            [..character.submesh_count as usize]
+        {
+            let (bin, live_vertex_count) = choose_band(tables, submesh, lod_error);
+            if bin != BIN_NONE {
+                selection.live_vertices += live_vertex_count as u64;
+                lists[bin as usize].push(Instance {
+                    agent: index as u32,
+                    live_vertex_count,
+                });
+            }
+        }
+    }
+    for (list, band) in lists.iter().zip(&tables.bands) {
+        selection.draws.push(DrawCommand {
+            index_count: band.index_count,
+            instance_count: list.len() as u32,
+            first_index: band.first_index,
+            vertex_offset: 0,
+            first_instance: selection.instances.len() as u32,
+        });
+        selection.instances.extend(list);
+    }
+    selection
+}
+
+/// A visible agent's pose and LOD error (negative: full detail), or `None` where it is culled.
+fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Option<(Pose, f32)> {
+    let character = &tables.characters[agent.character as usize];
+    let clip0 = &tables.clips[(character.first_clip + agent.clip0) as usize];
+    let clip1 = &tables.clips[(character.first_clip + agent.clip1) as usize];
+    let (heading_sin, heading_cos) = agent.heading.sin_cos();
+    let blended = agent.blend > 0.0;
+    for plane in frame.planes.map(Vec4::from_array) {
+        let mut s = support(clip0, agent, heading_cos, heading_sin, plane);
+        if blended {
+            s = s.max(support(clip1, agent, heading_cos, heading_sin, plane));
+        }
+        if s < 0.0 {
+            return None;
+        }
+    }
+    let mut distance = distance_to_sphere(clip0, agent, heading_cos, heading_sin, frame);
+    if blended {
+        distance = distance.min(distance_to_sphere(
+            clip1,
+            agent,
+            heading_cos,
+            heading_sin,
+            frame,
+        ));
+    }
+    let lod_error = if frame.flags & FLAG_FULL_DETAIL != 0 {
+        -1.0
+    } else {
+        frame.error_per_metre * distance / agent.scale
+    };
+    let still = frame.flags & FLAG_STILL != 0;
+    let pose = make_pose(
+        agent,
+        character,
+        [clip0, clip1],
+        heading_cos,
+        heading_sin,
+        lod_error,
+        still,
+    );
+    Some((pose, lod_error))
+}
+
+/// The greatest signed distance that a vertex of the clip may have to a plane.
+fn support(
+    clip: &ClipInfo,
+    agent: &AgentState,
+    heading_cos: f32,
+    heading_sin: f32,
+    plane: Vec4,
+) -> f32 {
+    let n = Vec3::new(
+        heading_cos * plane.x - heading_sin * plane.z,
+        plane.y,
+        heading_sin * plane.x + heading_cos * plane.z,
+    );
+    let origin = plane.truncate().dot(agent.position.into()) + plane.w;
+    let sphere = n.dot(clip.sphere_center.into()) + clip.sphere_radius;
+    let bounds = n.dot(clip.box_center.into()) + n.abs().dot(clip.box_half_extent.into());
+    origin + agent.scale * sphere.min(bounds)
+}
+
+fn distance_to_sphere(
+    clip: &ClipInfo,
+    agent: &AgentState,
+    heading_cos: f32,
+    heading_sin: f32,
+    frame: &FrameConstants,
+) -> f32 {
+    let c = Vec3::from(clip.sphere_center);
+    let center = Vec3::from(agent.position)
+        + agent.scale
+            * Vec3::new(
+                heading_cos * c.x + heading_sin * c.z,
+                c.y,
+                heading_cos * c.z - heading_sin * c.x,
+            );
+    ((center - Vec3::from(frame.eye)).length() - agent.scale * clip.sphere_radius).max(frame.near)
+}
+
+fn frame_position(clip: &ClipInfo, phase: f32) -> f32 {
+    (phase - phase.floor()) * (clip.frame_count - 1) as f32
+}
+
+fn make_pose(
+    agent: &AgentState,
+    character: &CharacterInfo,
+    clips: [&ClipInfo; 2],
+    heading_cos: f32,
+    heading_sin: f32,
+    lod_error: f32,
+    still: bool,
+) -> Pose {
+    let allowed = lod_error * SKINNING_ERROR_SHARE;
+    let influence_count = if allowed < character.influences3_error {
+        4
+    } else if allowed < character.influences2_error {
+        3
+    } else if allowed < character.influences1_error {
+        2
+    } else {
+        1
+    };
+    let blend = if still {
+        0.0
+    } else {
+        agent.blend.clamp(0.0, 1.0)
+    };
+    let shares = [1.0 - blend, blend];
+    let phases = [agent.phase0, agent.phase1];
+    let error = (0..2)
+        .filter(|&i| shares[i] > 0.0)
+        .map(|i| clips[i].nearest_error)
+        .fold(0.0, f32::max);
+    let nearest = still || allowed >= error;
+
+    let mut sample_entries = [0; 4];
+    let mut sample_weights = [0.0; 4];
+    let mut sample_count = 0;
+    for i in (0..2).filter(|&i| shares[i] > 0.0) {
+        let clip = clips[i];
+        let mut position = if still {
+            0.0
+        } else {
+            frame_position(clip, phases[i])
+        };
+        if nearest {
+            position = (position + 0.5).floor();
+        }
+        let first = position as u32;
+        let fraction = position - first as f32;
+        let mut push = |frame: u32, weight: f32| {
+            sample_entries[sample_count] = (clip.first_frame + frame) * character.joint_count;
+            sample_weights[sample_count] = weight;
+            sample_count += 1;
+        };
+        push(first, shares[i] * (1.0 - fraction));
+        if !nearest {
+            push((first + 1).min(clip.frame_count - 1), shares[i] * fraction);
+        }
+    }
+    Pose {
+        position: agent.position,
+        tint_seed: agent.tint_seed,
+        heading_cos: heading_cos * agent.scale,
+        heading_sin: heading_sin * agent.scale,
+        influence_count,
+        sample_count: sample_count as u32,
+        sample_entries,
+        sample_weights,
+    }
+}
+
+/// The bin and the live vertices of a submesh at an error.
+fn choose_band(tables: &Tables, submesh: &SubmeshInfo, lod_error: f32) -> (u32, u32) {
+    let errors =
+        &tables.collapse_errors[submesh.first_error as usize..][..submesh.vertex_count as usize];
+    let live = if lod_error < 0.0 {
+        submesh.vertex_count
+    } else {
+        errors.partition_point(|&e| e > lod_error) as u32
+    };
+    let bands = &tables.bands[submesh.first_bin as usize..][..submesh.band_count as usize];
+    let band = bands
+        .iter()
+        .rposition(|b| b.vertex_count >= live)
+        .unwrap_or(0);
+    if live < 3 || bands[band].index_count == 0 {
+        return (BIN_NONE, live);
+    }
+    (submesh.first_bin + band as u32, live)
+}

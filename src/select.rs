@@ -1,0 +1,127 @@
+//! select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into instance lists.
+//! Host side of hlsl/select.hlsl; twin in [`crate::reference::select`].
+
+use ash::vk;
+use glam::{Mat4, Vec4};
+
+use crate::frame::{FrameOptions, Method, View};
+use crate::gpu::{Access, Commands, Drawing};
+use crate::gpu_types::{FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants, SELECT_GROUP_SIZE};
+use crate::prepare::Tables;
+
+/// Linear colour of the air at the horizon, as a share of the sky's light.
+const HAZE_OF_SKY: f32 = 1.6;
+/// Haze takes half of the light at one over this many metres.
+const HAZE_PER_METRE: f32 = 1.0 / 900.0;
+
+/// The constants that all stages of a frame read.
+pub fn frame_constants(
+    view: &View,
+    options: &FrameOptions,
+    agent_count: u32,
+    tables: &Tables,
+) -> FrameConstants {
+    let clip_from_world = view.clip_from_world();
+    let light = &options.light;
+    let mut flags = 0;
+    if options.method != Method::Lod {
+        flags |= FLAG_FULL_DETAIL;
+    }
+    if !options.animate {
+        flags |= FLAG_STILL;
+    }
+    FrameConstants {
+        clip_from_world: clip_from_world.to_cols_array_2d(),
+        world_from_clip: clip_from_world.inverse().to_cols_array_2d(),
+        planes: frustum_planes(clip_from_world).map(|p| p.to_array()),
+        eye: view.eye().into(),
+        near: view.near,
+        to_sun: light.to_sun.normalize_or(glam::Vec3::Y).into(),
+        error_per_metre: options.pixel_error * view.pixel_angle(),
+        sun: light.sun.into(),
+        agent_count,
+        sky: light.sky.into(),
+        bin_count: tables.bands.len() as u32,
+        ground: light.ground.into(),
+        submesh_stride: tables.submesh_stride(),
+        haze: (light.sky * HAZE_OF_SKY).into(),
+        haze_per_metre: HAZE_PER_METRE,
+        flags,
+        padding0: 0,
+        padding1: 0,
+        padding2: 0,
+    }
+}
+
+/// The six planes of a frustum, inward and of unit length. A plane at infinity holds everything.
+fn frustum_planes(clip_from_world: Mat4) -> [Vec4; 6] {
+    let [x, y, z, w] = [0, 1, 2, 3].map(|i| clip_from_world.row(i));
+    [w + x, w - x, w + y, w - y, z, w - z].map(|plane| {
+        let length = plane.truncate().length();
+        if length > 1e-12 {
+            plane / length
+        } else {
+            Vec4::W
+        }
+    })
+}
+
+/// Records the three passes.
+pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
+    const COMPUTE: vk::PipelineBindPoint = vk::PipelineBindPoint::COMPUTE;
+    let (slot, pipelines) = (drawing.slot, drawing.pipelines);
+    let Some(buffers) = &slot.buffers else { return };
+    let groups = (slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE);
+
+    c.fill_zero(&buffers.tally, vk::WHOLE_SIZE);
+    c.barrier(Access::TransferWrite, &[Access::ComputeReadWrite]);
+    c.bind_set(COMPUTE, pipelines.select_layout, 0, slot.select_set);
+    if groups > 0 {
+        c.bind_pipeline(COMPUTE, pipelines.count);
+        c.dispatch(groups);
+        c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
+    }
+    c.bind_pipeline(COMPUTE, pipelines.scan);
+    c.dispatch(1);
+    c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
+    if groups > 0 {
+        c.bind_pipeline(COMPUTE, pipelines.scatter);
+        c.dispatch(groups);
+    }
+    c.barrier(
+        Access::ComputeReadWrite,
+        &[
+            Access::DrawRead,
+            Access::TransferRead,
+            Access::ComputeReadWrite,
+        ],
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn planes_hold_what_the_camera_sees() {
+        let view = View::perspective(Vec3::ZERO, Vec3::NEG_Z, 1.0, 0.1, [100, 100]);
+        let planes = frustum_planes(view.clip_from_world());
+        let inside = |p: Vec3| planes.iter().all(|plane| plane.dot(p.extend(1.0)) >= 0.0);
+        assert!(inside(Vec3::new(0.0, 0.0, -1.0)));
+        assert!(
+            inside(Vec3::new(0.0, 0.0, -1e6)),
+            "the far plane is at infinity"
+        );
+        assert!(
+            !inside(Vec3::new(0.0, 0.0, -0.05)),
+            "nearer than the near plane"
+        );
+        assert!(!inside(Vec3::new(0.0, 0.0, 1.0)), "behind");
+        // tan(0.5) = 0.546: the edge of a field of view of 1 radian.
+        assert!(inside(Vec3::new(0.54, 0.0, -1.0)));
+        assert!(!inside(Vec3::new(0.55, 0.0, -1.0)));
+        assert!(inside(Vec3::new(0.0, -0.54, -1.0)));
+        assert!(!inside(Vec3::new(0.0, 0.55, -1.0)));
+    }
+}
