@@ -118,7 +118,7 @@ pub struct SceneCharacter {
 }
 
 /// A group of agents that are placed and move alike.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneCrowd {
     /// Agents in `area`; left out where `positions` says it.

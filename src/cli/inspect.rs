@@ -109,15 +109,15 @@ pub struct Bytes {
 /// As Ramos et al. 2012, table 2, counts them: what one vertex costs.
 #[derive(Serialize)]
 pub struct BytesPerVertex {
-    geometry: f64,
-    skinning: f64,
-    collapse: f64,
-    triangles: f64,
-    bands: f64,
+    pub geometry: f64,
+    pub skinning: f64,
+    pub collapse: f64,
+    pub triangles: f64,
+    pub bands: f64,
     /// All of these together.
     pub total: f64,
     /// The same without skinning, which the paper does not count.
-    total_without_skinning: f64,
+    pub total_without_skinning: f64,
 }
 
 impl Contents {

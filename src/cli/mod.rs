@@ -5,9 +5,16 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod bake;
+mod bench;
+mod characters;
+mod demo;
 mod export;
 mod inspect;
+mod measure;
 mod output;
+mod picture;
+mod render;
+mod shot;
 mod source;
 
 #[derive(Parser)]
@@ -37,6 +44,10 @@ enum Command {
     Bake(bake::Arguments),
     Inspect(inspect::Arguments),
     Export(export::Arguments),
+    Render(render::Arguments),
+    Demo(demo::Arguments),
+    Characters(characters::Arguments),
+    Bench(bench::Arguments),
 }
 
 /// Parses the arguments, runs the command and says what went wrong.
@@ -47,6 +58,10 @@ pub fn main() -> ExitCode {
         Command::Bake(a) => bake::run(a),
         Command::Inspect(a) => inspect::run(a),
         Command::Export(a) => export::run(a),
+        Command::Render(a) => render::run(a),
+        Command::Demo(a) => demo::run(a),
+        Command::Characters(a) => characters::run(a),
+        Command::Bench(a) => bench::run(a),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,358 @@
+//! What is in front of the camera: a scene with its baked characters, and the view.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use glam::{Mat3, Quat, Vec3};
+use throng::scene::{Crowd, Scene, SceneClip, SceneCrowd, SceneLight};
+use throng::{Agent, FrameOptions, View};
+use throng_bake::bake::BakeOptions;
+use throng_bake::baked::Baked;
+
+use super::output::Progress;
+use super::source;
+
+/// A scene, ready to be drawn at any time.
+pub struct Shot {
+    pub scene: Scene,
+    pub characters: Vec<Baked>,
+    crowd: Crowd,
+    /// Index into the scene's cameras; without one the view takes everybody in.
+    camera: Option<usize>,
+    side: Side,
+    /// All agents are at the shot's time in their clips: one character to look at, not a crowd.
+    is_portrait: bool,
+}
+
+/// Where the camera stands when it has to find its place itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Side {
+    /// In front of somebody who faces the scene's +Z
+    Front,
+    /// At the left hand
+    Side,
+    /// Behind
+    Back,
+    /// In front, to the left, a little above
+    ThreeQuarter,
+    /// Above
+    Top,
+}
+
+impl Side {
+    /// Direction from what is looked at to the camera.
+    fn to_camera(self) -> Vec3 {
+        match self {
+            Self::Front => Vec3::new(0.0, 0.08, 1.0),
+            Self::Side => Vec3::new(1.0, 0.08, 0.0),
+            Self::Back => Vec3::new(0.0, 0.08, -1.0),
+            Self::ThreeQuarter => Vec3::new(0.62, 0.3, 1.0),
+            Self::Top => Vec3::Y,
+        }
+        .normalize()
+    }
+}
+
+/// What the command line says about a shot.
+#[derive(Default)]
+pub struct Request<'a> {
+    /// A file or the name of a built-in scene.
+    pub scene: Option<&'a str>,
+    /// In place of the scene's characters.
+    pub characters: &'a [String],
+    pub agents: Option<usize>,
+    pub seed: Option<u64>,
+    /// In place of the scene's clips.
+    pub clip: Option<&'a str>,
+    /// Name of one of the scene's cameras.
+    pub camera: Option<&'a str>,
+    /// In place of a camera.
+    pub side: Option<Side>,
+}
+
+impl Shot {
+    /// Reads the scene, bakes what is not baked, and places everybody.
+    pub fn new(request: &Request, bake_options: &BakeOptions, progress: &Progress) -> Result<Self> {
+        let is_portrait = request.scene.is_none()
+            && !request.characters.is_empty()
+            && request.agents.is_none_or(|n| n <= 1);
+        let mut scene = match request.scene {
+            _ if is_portrait => portrait(),
+            Some(name) => load_scene(name)?,
+            None => Scene::builtin("plaza")?,
+        };
+        if !request.characters.is_empty() {
+            scene.set_characters(request.characters);
+        }
+        if let Some(name) = request.clip {
+            for crowd in &mut scene.crowds {
+                crowd.clips = vec![SceneClip {
+                    name: name.into(),
+                    share: 1.0,
+                    speed: None,
+                    time: None,
+                }];
+            }
+        }
+        if let Some(count) = request.agents.filter(|_| !is_portrait) {
+            scene.set_agent_count(count);
+        }
+        scene.seed = request.seed.unwrap_or(scene.seed);
+        let camera = match request.camera {
+            _ if request.side.is_some() => None,
+            Some(name) => Some(find_camera(&scene, name)?),
+            None => (!scene.cameras.is_empty()).then_some(0),
+        };
+        let sources: Vec<String> = scene.characters.iter().map(|c| c.source.clone()).collect();
+        let characters = source::baked_all(&sources, bake_options, progress)?;
+        if is_portrait {
+            scene.crowds[0].positions = side_by_side(&characters);
+        }
+        let crowd = scene.populate(&characters.iter().collect::<Vec<_>>());
+        for warning in &crowd.warnings {
+            progress.warn(warning);
+        }
+        Ok(Self {
+            scene,
+            characters,
+            crowd,
+            camera,
+            side: request.side.unwrap_or(Side::ThreeQuarter),
+            is_portrait,
+        })
+    }
+
+    /// The same characters and scene with another number of agents.
+    pub fn set_agent_count(&mut self, count: usize) {
+        self.scene.set_agent_count(count);
+        self.crowd = self
+            .scene
+            .populate(&self.characters.iter().collect::<Vec<_>>());
+    }
+
+    /// All agents at a time.
+    pub fn agents(&self, time: f32) -> Vec<Agent> {
+        let mut agents = self.crowd.agents_at(time);
+        if self.is_portrait {
+            for agent in &mut agents {
+                let clip = &self.characters[agent.character.0 as usize].clips;
+                let duration = clip
+                    .get(agent.clips[0] as usize)
+                    .map_or(0.0, |c| c.duration_s);
+                let phase = if duration > 0.0 {
+                    (time / duration).rem_euclid(1.0)
+                } else {
+                    0.0
+                };
+                agent.phases = [phase; 2];
+            }
+        }
+        agents
+    }
+
+    /// The camera at a time, for a picture of `size_px`.
+    pub fn view(&self, time: f32, size_px: [u32; 2]) -> View {
+        let default_fov_y_deg: f32 = 30.0;
+        match self.camera.and_then(|i| self.scene.cameras.get(i)) {
+            Some(camera) => {
+                let (eye, target) = camera.at(time);
+                let fov_y = camera.fov_y_deg.to_radians();
+                // Nearer than this nobody is recognisable.
+                View::perspective(eye, target, fov_y, 0.1, size_px)
+            }
+            None => frame_all(
+                &self.agents(0.0),
+                &self.characters,
+                self.side.to_camera(),
+                default_fov_y_deg.to_radians(),
+                size_px,
+            ),
+        }
+    }
+
+    /// Frame options as the scene says, for a portrait without anything around it.
+    pub fn frame_options(&self) -> FrameOptions {
+        FrameOptions {
+            light: self.scene.light.to_light(),
+            ground: self.scene.ground,
+            sky: self.scene.sky,
+            ..FrameOptions::default()
+        }
+    }
+}
+
+/// A file where there is one, else a built-in scene.
+fn load_scene(name: &str) -> Result<Scene> {
+    let path = Path::new(name);
+    let looks_like_file = path.extension().is_some() || path.components().count() > 1;
+    if looks_like_file || path.is_file() {
+        Ok(Scene::load(path)?)
+    } else {
+        Ok(Scene::builtin(name)?)
+    }
+}
+
+fn find_camera(scene: &Scene, name: &str) -> Result<usize> {
+    let names: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+    match names.iter().position(|n| *n == name) {
+        Some(i) => Ok(i),
+        None if names.is_empty() => bail!("--camera {name}: the scene has no cameras"),
+        None => bail!("--camera {name}: the scene has {}", names.join(", ")),
+    }
+}
+
+/// A scene to look at characters in: they stand at the origin until their widths are known.
+fn portrait() -> Scene {
+    Scene {
+        seed: 0,
+        frames_per_second: 30.0,
+        characters: Vec::new(),
+        crowds: vec![SceneCrowd {
+            positions: vec![Vec3::ZERO],
+            heading_deg: Some(0.0),
+            ..SceneCrowd::default()
+        }],
+        cameras: Vec::new(),
+        light: SceneLight::default(),
+        ground: true,
+        sky: true,
+    }
+}
+
+/// Places along x, in a row around the origin, as far apart as the characters are wide.
+fn side_by_side(characters: &[Baked]) -> Vec<Vec3> {
+    let boxes = characters.iter().map(|c| {
+        let boxes = c.clips.iter().take(1);
+        boxes.fold((0.0f32, 0.0f32), |(min, max), b| {
+            (min.min(b.box_min.x), max.max(b.box_max.x))
+        })
+    });
+    let mut right = 0.0;
+    let mut places: Vec<Vec3> = Vec::new();
+    for (min, max) in boxes {
+        places.push(Vec3::new(right - min, 0.0, 0.0));
+        right += 1.1 * (max - min);
+    }
+    let middle = right / 2.0;
+    places.iter().map(|p| *p - Vec3::X * middle).collect()
+}
+
+/// The nearest view along `-to_camera` that everybody's animated bounds are in.
+fn frame_all(
+    agents: &[Agent],
+    characters: &[Baked],
+    to_camera: Vec3,
+    fov_y: f32,
+    size_px: [u32; 2],
+) -> View {
+    let right = Vec3::Y.cross(to_camera).try_normalize().unwrap_or(Vec3::X);
+    let view_from_world = Mat3::from_cols(right, to_camera.cross(right), to_camera).transpose();
+    let corners: Vec<Vec3> = agents
+        .iter()
+        .flat_map(|a| corners(a, &characters[a.character.0 as usize]))
+        .map(|corner| view_from_world * corner)
+        .collect();
+    let (mut min, mut max) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+    for c in &corners {
+        (min, max) = (min.min(*c), max.max(*c));
+    }
+    if corners.is_empty() {
+        (min, max) = (Vec3::ZERO, Vec3::ONE);
+    }
+    let center = (min + max) / 2.0;
+    let slope_y = (fov_y / 2.0).tan() / 1.08;
+    let slope_x = slope_y * size_px[0] as f32 / size_px[1].max(1) as f32;
+    let distance = corners
+        .iter()
+        .map(|c| *c - center)
+        .map(|c| c.z + (c.x.abs() / slope_x).max(c.y.abs() / slope_y))
+        .fold(0.0, f32::max);
+    let target = view_from_world.transpose() * center;
+    let near = (distance - (max.z - center.z)).max(distance * 0.01) * 0.5;
+    View::perspective(
+        target + to_camera * distance,
+        target,
+        fov_y,
+        near.max(1e-6),
+        size_px,
+    )
+}
+
+/// Corners of an agent's animated bounds, in world space.
+fn corners(agent: &Agent, character: &Baked) -> impl Iterator<Item = Vec3> {
+    let (min, max) = match character.clips.get(agent.clips[0] as usize) {
+        Some(c) => (c.box_min, c.box_max),
+        None => (Vec3::ZERO, Vec3::ZERO),
+    };
+    let world_from_model = Quat::from_rotation_y(agent.heading);
+    let (position, scale) = (agent.position, agent.scale);
+    (0..8).map(move |i| {
+        let pick = |bit: u32, axis: usize| {
+            if i >> bit & 1 == 0 {
+                min[axis]
+            } else {
+                max[axis]
+            }
+        };
+        position + world_from_model * (scale * Vec3::new(pick(0, 0), pick(1, 1), pick(2, 2)))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use throng_bake::baked::BakedClip;
+
+    fn somebody(box_min: Vec3, box_max: Vec3) -> Baked {
+        Baked {
+            clips: vec![BakedClip {
+                name: "walk".into(),
+                first_frame: 0,
+                frame_count: 1,
+                duration_s: 1.0,
+                ground_speed: 0.0,
+                box_min,
+                box_max,
+                sphere_center: Vec3::ZERO,
+                sphere_radius: 1.0,
+            }],
+            ..Baked::default()
+        }
+    }
+
+    /// Everybody is inside the picture, and touches its border nearly, whatever their size and wherever they stand.
+    #[test]
+    fn the_view_takes_everybody_in_and_no_more() {
+        for size in [0.01, 1.8, 400.0] {
+            let character = somebody(
+                Vec3::new(-0.3, 0.0, -0.2) * size,
+                Vec3::new(0.3, 1.0, 0.5) * size,
+            );
+            let agents = [-1.0, 0.5, 2.0].map(|x| Agent {
+                position: Vec3::new(x * size, 0.0, -x * size),
+                heading: x,
+                ..Agent::default()
+            });
+            for side in [
+                Side::Front,
+                Side::Side,
+                Side::Back,
+                Side::ThreeQuarter,
+                Side::Top,
+            ] {
+                for size_px in [[640, 480], [100, 300]] {
+                    let characters = std::slice::from_ref(&character);
+                    let view = frame_all(&agents, characters, side.to_camera(), 0.6, size_px);
+                    let mut reach = 0.0f32;
+                    for corner in agents.iter().flat_map(|a| corners(a, &character)) {
+                        let clip = view.clip_from_world() * corner.extend(1.0);
+                        let ndc = clip.truncate() / clip.w;
+                        assert!(clip.w > view.near, "{side:?} {size}");
+                        reach = reach.max(ndc.x.abs()).max(ndc.y.abs());
+                    }
+                    assert!((0.6..1.0).contains(&reach), "{side:?} {size}: {reach}");
+                }
+            }
+        }
+    }
+}
