@@ -20,9 +20,11 @@ struct PackedVertex
 };
 
 // The living ancestor of a vertex, both numbered within the submesh.
+// Lanes that fill up a group on lavapipe read 0 live vertices and take part in the loop: for them nothing is dead.
 uint LivingAncestor(uint vertex, uint live_vertex_count)
 {
-    while (vertex >= live_vertex_count)
+    uint last_alive = live_vertex_count - 1u;
+    while (vertex > last_alive)
     {
         uint i = draw.first_vertex + vertex;
         vertex = collapse_texture.Load(int3(i % VERTEX_ROW_VERTICES, i / VERTEX_ROW_VERTICES, 0)).x;

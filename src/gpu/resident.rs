@@ -60,28 +60,21 @@ impl Staging {
         offset
     }
 
-    /// Appends texels in rows of `width`; the last row may be short. Returns the copies and the rows.
+    /// Appends texels in rows of `width`, the last one filled up with zeros. Returns the copy and the rows.
     fn push_rows<T: bytemuck::Pod>(
         &mut self,
         texels: &[T],
         width: u32,
     ) -> (Vec<vk::BufferImageCopy>, u32) {
         let offset = self.push(texels);
-        let full_rows = texels.len() as u32 / width;
-        let rest = texels.len() as u32 % width;
-        let mut copies = Vec::new();
-        if full_rows > 0 {
-            copies.push(copy(offset, 0, 0, [width, full_rows], 0));
-        }
-        if rest > 0 {
-            let skipped = full_rows as u64 * width as u64 * size_of::<T>() as u64;
-            copies.push(copy(offset + skipped, 0, full_rows, [rest, 1], 0));
-        }
-        (copies, full_rows + (rest > 0) as u32)
+        let rows = (texels.len() as u32).div_ceil(width).max(1);
+        let bytes = rows as usize * width as usize * size_of::<T>();
+        self.bytes.resize(offset as usize + bytes, 0);
+        (vec![copy(offset, 0, [width, rows], 0)], rows)
     }
 }
 
-fn copy(offset: u64, mip: u32, y: u32, size: [u32; 2], layer: u32) -> vk::BufferImageCopy {
+fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::BufferImageCopy {
     vk::BufferImageCopy {
         buffer_offset: offset,
         buffer_row_length: 0,
@@ -92,11 +85,7 @@ fn copy(offset: u64, mip: u32, y: u32, size: [u32; 2], layer: u32) -> vk::Buffer
             base_array_layer: layer,
             layer_count: 1,
         },
-        image_offset: vk::Offset3D {
-            x: 0,
-            y: y as i32,
-            z: 0,
-        },
+        image_offset: vk::Offset3D::default(),
         image_extent: vk::Extent3D {
             width: size[0],
             height: size[1],
@@ -161,7 +150,7 @@ pub(crate) fn make(
         ),
     ];
     for (what, format, width, (copies, height)) in rows {
-        made.image(&name(what), format, [width, height.max(1)], 1, 1, false)?;
+        made.image(&name(what), format, [width, height], 1, 1, false)?;
         images.push(copies);
     }
     let (size, mips, layers, copies) = stage_textures(&mut staging, baked);
@@ -246,7 +235,7 @@ fn stage_textures(
     let t = &baked.textures;
     if t.layer_count == 0 {
         let offset = staging.push(&[WHITE]);
-        return ([1, 1], 1, 1, vec![copy(offset, 0, 0, [1, 1], 0)]);
+        return ([1, 1], 1, 1, vec![copy(offset, 0, [1, 1], 0)]);
     }
     let mut copies = Vec::new();
     let mut first = 0;
@@ -255,11 +244,11 @@ fn stage_textures(
         let pixels = size[0] as usize * size[1] as usize;
         for layer in 0..t.layer_count {
             let offset = staging.push(&t.pixels[first..][..pixels]);
-            copies.push(copy(offset, mip, 0, size, layer));
+            copies.push(copy(offset, mip, size, layer));
             first += pixels;
         }
         let offset = staging.push(&vec![WHITE; pixels]);
-        copies.push(copy(offset, mip, 0, size, t.layer_count));
+        copies.push(copy(offset, mip, size, t.layer_count));
     }
     ([t.width, t.height], t.mip_count, t.layer_count + 1, copies)
 }
