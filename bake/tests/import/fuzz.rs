@@ -12,7 +12,7 @@ use crate::models;
 use crate::sample::{self, Sample};
 
 /// Memory that importing a broken file of a few megabytes may take at most, in kB.
-const MAX_MEMORY_KB: u64 = 2 << 20;
+const MAX_MEMORY_KB: u64 = 1 << 20;
 
 /// A file that is taken apart.
 struct Seed {

@@ -8,9 +8,12 @@ use super::meshopt;
 use crate::error::ImportError;
 use crate::import::files;
 
-/// Greatest number of values that all accessors of one file may decode to, counted each time one is read: a short file
-/// can point to the same bytes any number of times.
-const MAX_VALUES: u64 = 1 << 28;
+/// How many values all accessors of one file may decode to, counted each time one is read, for each byte of its buffers: a
+/// short file can point to the same bytes any number of times, and one that does so for sane reasons stays far below.
+const VALUES_PER_BYTE: u64 = 32;
+/// What is allowed beyond that, and what is never exceeded.
+const FREE_VALUES: u64 = 1 << 22;
+const MAX_VALUES: u64 = 1 << 27;
 /// Greatest count of an accessor whose elements are zero without any bytes behind them.
 const MAX_ZERO_COUNT: usize = 1 << 20;
 /// Greatest size of all decompressed buffer views together, in bytes.
@@ -22,7 +25,8 @@ pub struct Source<'a> {
     pub document: Document,
     views: Vec<View>,
     buffers: Vec<Option<Vec<u8>>>,
-    values_read: Cell<u64>,
+    /// Values that may still be read.
+    values_left: Cell<u64>,
 }
 
 /// Where the bytes of a buffer view are.
@@ -115,7 +119,7 @@ impl<'a> Source<'a> {
             document,
             views: Vec::new(),
             buffers: Vec::new(),
-            values_read: Cell::new(0),
+            values_left: Cell::new(0),
         };
         for i in 0..source.document.buffers.len() {
             let buffer = source.load_buffer(i, chunk)?;
@@ -126,6 +130,9 @@ impl<'a> Source<'a> {
             let view = source.resolve_view(i, &mut decompressed_bytes)?;
             source.views.push(view);
         }
+        let buffer_bytes: usize = source.buffers.iter().flatten().map(Vec::len).sum();
+        let allowed = VALUES_PER_BYTE * (buffer_bytes + decompressed_bytes) as u64 + FREE_VALUES;
+        source.values_left.set(allowed.min(MAX_VALUES));
         Ok(source)
     }
 
@@ -365,13 +372,13 @@ impl<'a> Source<'a> {
         if count == 0 {
             return Err(bad("its count is 0".into()));
         }
-        let budget = self.values_read.get() + (count as u64).saturating_mul(width as u64);
-        if budget > MAX_VALUES {
-            return Err(bad(format!(
-                "its count of {count} brings the file above {MAX_VALUES} values"
-            )));
-        }
-        self.values_read.set(budget);
+        let value_count = (count as u64).saturating_mul(width as u64);
+        let left = self.values_left.get().checked_sub(value_count);
+        self.values_left.set(left.ok_or_else(|| {
+            bad(format!(
+                "its count of {count} is more than the file has data for"
+            ))
+        })?);
         let strided = |view: usize, offset: usize, count: usize, element: usize, tight: bool| {
             let (bytes, stride) = self.view(view, &place)?;
             let stride = if tight {
