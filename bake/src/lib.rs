@@ -2,7 +2,7 @@
 //! bounds and a `.throng` file. Pure CPU; it owns the file format.
 //!
 //! Data flows one way: [`import`] -> [`character::Character`] -> [`merge`] -> [`mesh::Mesh`] -> [`simplify`] ->
-//! [`mesh::CollapseSequence`] -> [`sliding_tris`] -> [`baked::Baked`] -> [`file`].
+//! [`mesh::CollapseSequence`] -> [`sliding_tris`] -> [`baked::Baked`] -> [`mod@file`].
 
 pub mod bake;
 pub mod baked;

@@ -32,7 +32,12 @@ fn each_broken_property_is_named() {
             "accessors[0]",
             "do not fit",
         ),
-        ("/accessors/0/count", huge.clone(), "accessors[0]", "above"),
+        (
+            "/accessors/0/count",
+            huge.clone(),
+            "accessors[0]",
+            "more than the file has data for",
+        ),
         (
             "/accessors/0/count",
             json!(5),
