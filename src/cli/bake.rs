@@ -10,7 +10,7 @@ use throng_bake::bake::BakeOptions;
 use throng_bake::file;
 
 use super::inspect::Contents;
-use super::output::{Progress, create_folder, grouped, write_json};
+use super::output::{Progress, create_folder, grouped, say, write_json};
 use super::source;
 
 /// Bake character files: levels of detail, animation, one .throng file each
@@ -103,15 +103,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         file::write(output, &baked)?;
         let bake_ms = start.elapsed().as_secs_f64() * 1e3;
         let contents = Contents::of(&baked);
-        println!(
-            "{}: {} triangles, {} vertices, {} bands, {:.1} bytes per vertex, {:.2} s",
+        say(format_args!(
+            "{}: {} triangles, {} vertices, {} bands, {:.1} bytes per vertex, {:.2} s\n",
             output.display(),
             grouped(contents.triangle_count),
             grouped(contents.vertex_count),
             baked.bands.len(),
             contents.bytes_per_vertex.total,
             bake_ms / 1e3
-        );
+        ))?;
         let stage_ms = times.stage_ms.iter();
         reports.push(Report {
             input: input.clone(),

@@ -8,7 +8,7 @@ use throng_bake::bake::BakeOptions;
 
 use super::inspect::Contents;
 use super::measure::{Drawing, MethodName, Report, Studio, WARM_UP_FRAMES};
-use super::output::{Progress, Table, grouped, write_json};
+use super::output::{Progress, Table, grouped, say, write_json};
 use super::render::Size;
 use super::shot::{Request, Shot};
 
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         steps,
         characters: shot.characters.iter().map(Contents::of).collect(),
     };
-    print!("{results}");
+    say(&results)?;
     match &arguments.json {
         Some(path) => write_json(path, &results),
         None => Ok(()),

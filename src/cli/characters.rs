@@ -6,7 +6,7 @@ use super::source::people;
 use anyhow::{Result, anyhow};
 use throng_bake::glb;
 
-use super::output::{Progress, Table, grouped, write_file};
+use super::output::{Progress, Table, grouped, say, write_file};
 use super::source::{self, BUILTIN};
 
 /// List the built-in characters, or write them out as .glb files
@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 let bytes =
                     glb::write_glb(&character).map_err(|e| anyhow!("{}: {e}", path.display()))?;
                 write_file(&path, &bytes)?;
-                println!("{}", path.display());
+                say(format_args!("{}\n", path.display()))?;
             }
             None => table.row([
                 format!("{BUILTIN}{name}"),
@@ -50,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     if arguments.write.is_none() {
-        print!("{table}");
+        say(table)?;
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use anyhow::Result;
 use throng_bake::bake::BakeOptions;
 
 use super::measure::{Drawing, MethodName, Studio};
-use super::output::{Progress, write_json};
+use super::output::{Progress, say, write_json};
 use super::render::{Size, save};
 use super::shot::{Request, Shot};
 
@@ -60,8 +60,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let report = studio.draw(&shot, &drawing)?;
     save(&mut studio, 1, &arguments.output)?;
     line.finish_and_clear();
-    print!("{report}");
-    println!("\nThe picture: {}", arguments.output.display());
+    say(format_args!(
+        "{report}\nThe picture: {}\n",
+        arguments.output.display()
+    ))?;
     match &arguments.report {
         Some(path) => write_json(path, &report),
         None => Ok(()),

@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow, bail};
 use throng_bake::bake::BakeOptions;
 use throng_bake::{export, glb};
 
-use super::output::{Progress, grouped, write_file};
+use super::output::{Progress, grouped, say, write_file};
 use super::source;
 
 /// Write one level of detail as a skinned, animated glTF file
@@ -70,11 +70,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let bytes = glb::write_glb(&exported.character)
         .map_err(|e| anyhow!("{}: cannot be written as glTF: {e}", arguments.file))?;
     write_file(&arguments.output, &bytes)?;
-    println!(
-        "{}: {} triangles, error {:.5} m",
+    say(format_args!(
+        "{}: {} triangles, error {:.5} m\n",
         arguments.output.display(),
         grouped(exported.triangle_count as u64),
         exported.error
-    );
+    ))?;
     Ok(())
 }

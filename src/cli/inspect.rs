@@ -7,7 +7,7 @@ use serde::Serialize;
 use throng_bake::bake::BakeOptions;
 use throng_bake::baked::{Baked, CollapseEntry, PaletteEntry, Vertex};
 
-use super::output::{Progress, Table, grouped};
+use super::output::{Progress, Table, grouped, say};
 use super::source;
 
 /// Show a baked character: submeshes, levels of detail, clips, bytes
@@ -31,11 +31,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let baked = source::baked(&arguments.file, &BakeOptions::default(), &progress)?;
     let contents = Contents::of(&baked);
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&contents)?);
+        say(serde_json::to_string_pretty(&contents)? + "\n")
     } else {
-        print!("{contents}");
+        say(contents)
     }
-    Ok(())
 }
 
 /// What a baked character consists of. Errors are in bind-space units, metres for most characters.

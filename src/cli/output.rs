@@ -1,6 +1,7 @@
 //! What the program says: progress bars, numbers, tables and files.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
@@ -46,6 +47,14 @@ impl Progress {
     }
 }
 
+/// Prints a result. A reader that has seen enough, such as `head`, is no error and stops nothing.
+pub fn say(result: impl Display) -> Result<()> {
+    match std::io::stdout().write_all(result.to_string().as_bytes()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(anyhow!("standard output: {e}")),
+        _ => Ok(()),
+    }
+}
+
 /// A whole number with its thousands apart: 12,345.
 pub fn grouped(number: u64) -> String {
     let digits = number.to_string();
@@ -79,7 +88,7 @@ impl Table {
     }
 }
 
-impl std::fmt::Display for Table {
+impl Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let column_count = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         let widths: Vec<usize> = (0..column_count)

@@ -10,7 +10,7 @@ use throng::scene::builtin_names;
 use throng_bake::bake::BakeOptions;
 
 use super::measure::{Drawing, MethodName, Report, Studio};
-use super::output::{Progress, grouped, write_json};
+use super::output::{Progress, grouped, say, write_json};
 use super::picture::{average, write_png};
 use super::shot::{Request, Shot, Side};
 
@@ -191,16 +191,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let path = frame_path(&arguments.output, arguments.frames.map(|_| frame));
         save(&mut studio, quality.supersample, &path)?;
         bar.suspend(|| {
-            println!(
-                "{}: {} agents, {} visible, {} draw calls, {} triangles, {:.1} ms",
+            say(format_args!(
+                "{}: {} agents, {} visible, {} draw calls, {} triangles, {:.1} ms\n",
                 path.display(),
                 grouped(report.agents),
                 grouped(report.visible),
                 grouped(report.draw_calls),
                 grouped(report.triangles),
                 report.frame_ms.median
-            );
-        });
+            ))
+        })?;
         bar.inc(1);
         reports.push((path, report));
     }
