@@ -76,7 +76,15 @@ fn tetrahedron(folder: &Path, name: &str, index: u16) -> PathBuf {
 #[test]
 fn help_teaches_every_command() {
     let help = succeed(&["--help"]);
-    let commands = ["bake", "inspect", "export"];
+    let commands = [
+        "bake",
+        "inspect",
+        "export",
+        "render",
+        "demo",
+        "characters",
+        "bench",
+    ];
     for command in commands {
         assert!(help.contains(command), "{command}");
         let help = succeed(&[command, "--help"]);
@@ -189,4 +197,184 @@ fn several_inputs_go_into_a_folder() {
     assert!(message.contains("another input"), "{message}");
     let message = refuse(&["bake", a, b, "-o", a]);
     assert!(message.contains("folder"), "{message}");
+}
+
+/// A scene of tetrahedra, and its folder.
+fn scene_of_tetrahedra() -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    tetrahedron(folder.path(), "tetra", 3);
+    let scene = folder.path().join("scene.toml");
+    let text = r#"
+        [[character]]
+        source = "tetra.gltf"
+        height = 1.5
+        [[crowd]]
+        count = 40
+        area.rectangle = { size = [8, 8] }
+        [[camera]]
+        name = "near"
+        position = [0, 6, 14]
+        [[camera]]
+        name = "far"
+        position = [0, 60, 140]
+    "#;
+    std::fs::write(&scene, text).unwrap();
+    let name = scene.to_str().unwrap().to_string();
+    (folder, name)
+}
+
+fn pixels(path: &Path) -> image::RgbImage {
+    image::open(path).expect("a picture").to_rgb8()
+}
+
+#[test]
+fn pictures_of_a_scene_come_with_a_report() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (picture, report) = (path("new/a.png"), path("a.json"));
+    let size = ["--size", "96x64"];
+    let draw = |more: &[&str]| {
+        let fixed = ["render", &scene, "-o", &picture, "--report", &report];
+        succeed(&[&fixed[..], &size, more].concat());
+        json(&std::fs::read_to_string(&report).unwrap())
+    };
+    let lod = draw(&["--runs", "3"]);
+    assert_eq!(pixels(Path::new(&picture)).dimensions(), (96, 64));
+    assert_eq!(lod["agents"], 40);
+    assert_eq!(lod["visible"], 40);
+    assert_eq!(lod["frame_ms"]["runs"], 3);
+    assert!(lod["frame_ms"]["p95"].as_f64() >= lod["frame_ms"]["median"].as_f64());
+    assert!(lod["fps"].as_f64().unwrap() > 0.0);
+    for key in ["device", "driver", "stage_ms", "representations", "culled"] {
+        assert!(!lod[key].is_null(), "{key}");
+    }
+    // One draw for the submesh, and what does not depend on the crowd.
+    let more = draw(&["--agents", "1000", "--runs", "1"]);
+    assert_eq!(more["draw_calls"], lod["draw_calls"]);
+    assert_eq!(more["agents"], 1000);
+    let full = draw(&["--method", "full", "--runs", "1"]);
+    assert_eq!(full["triangles"], 4 * 40);
+    assert_eq!(full["draw_calls"], lod["draw_calls"]);
+    let one_by_one = draw(&["--method", "uninstanced", "--runs", "1"]);
+    let constant = lod["draw_calls"].as_u64().unwrap() - 1;
+    assert_eq!(one_by_one["draw_calls"], 40 + constant);
+}
+
+#[test]
+fn the_same_scene_gives_the_same_picture_and_options_change_it() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let picture = folder.path().join("a.png");
+    let draw = |more: &[&str]| {
+        let fixed = ["render", &scene, "-o", picture.to_str().unwrap()];
+        succeed(&[&fixed[..], &["--size", "96x64"], more].concat());
+        std::fs::read(&picture).unwrap()
+    };
+    let first = draw(&[]);
+    assert_eq!(first, draw(&[]));
+    for option in [
+        &["--seed", "5"][..],
+        &["--camera", "far"],
+        &["--view", "top"],
+        &["--supersample", "2"],
+        &["--agents", "3"],
+    ] {
+        assert_ne!(first, draw(option), "{option:?}");
+    }
+}
+
+/// One character without a scene: the camera finds it, and it fills the picture without leaving it.
+#[test]
+fn a_character_alone_is_framed() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "tetra", 3);
+    let picture = folder.path().join("a.png");
+    for view in ["front", "side", "back", "three-quarter"] {
+        let (source, out) = (source.to_str().unwrap(), picture.to_str().unwrap());
+        succeed(&[
+            "render",
+            "--character",
+            source,
+            "--view",
+            view,
+            "--size",
+            "64x64",
+            "-o",
+            out,
+        ]);
+        let image = pixels(&picture);
+        // The tetrahedron is as white as the light makes it; a horizontal scan through its lower half meets two edges.
+        let row: Vec<_> = (0..64).map(|x| image.get_pixel(x, 44).0).collect();
+        let steps = row
+            .windows(2)
+            .filter(|w| w[0][0].abs_diff(w[1][0]) > 12)
+            .count();
+        assert!(steps >= 2, "{view}: {row:?}");
+    }
+}
+
+#[test]
+fn frames_are_numbered() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let out = folder.path().join("film/a.png");
+    let report = folder.path().join("r.json");
+    let fixed = [
+        "render", &scene, "--size", "32x32", "--runs", "1", "--frames", "8-10",
+    ];
+    let files = [
+        "-o",
+        out.to_str().unwrap(),
+        "--report",
+        report.to_str().unwrap(),
+    ];
+    let said = succeed(&[&fixed[..], &files].concat());
+    assert_eq!(said.lines().count(), 3);
+    for n in 8..=10 {
+        assert!(folder.path().join(format!("film/a_{n:04}.png")).is_file());
+    }
+    let reports = json(&std::fs::read_to_string(report).unwrap());
+    assert_eq!(reports.as_array().unwrap().len(), 3);
+    let time = reports[2]["time_s"].as_f64().unwrap();
+    assert!((time - 10.0 / 30.0).abs() < 1e-6);
+}
+
+#[test]
+fn what_cannot_be_drawn_is_refused_by_name() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let out = folder.path().join("a.png");
+    let draw = |more: &[&str]| refuse(&[&["render", "-o", out.to_str().unwrap()], more].concat());
+    assert!(draw(&["moon"]).contains("moon: there is no such built-in scene; there are plaza"));
+    assert!(draw(&["moon.toml"]).contains("moon.toml: cannot be read"));
+    assert!(draw(&[&scene, "--camera", "x"]).contains("--camera x: the scene has near, far"));
+    assert!(draw(&[&scene, "--device", "toaster"]).contains("toaster"));
+    assert!(draw(&[&scene, "--size", "9"]).contains("WIDTHxHEIGHT"));
+    assert!(draw(&[&scene, "--size", "60000x60000"]).contains("60000x60000"));
+    assert!(draw(&[&scene, "--pixel-error", "nan"]).contains("--pixel-error"));
+    assert!(draw(&[&scene, "--frame", "1", "--time", "2"]).contains("--time"));
+    assert!(draw(&["-c", "no/such.glb"]).contains("no/such.glb: cannot be read"));
+    assert!(draw(&["-c", "builtin:nobody"]).contains("nobody"));
+    let text = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(&scene, text.replace("count", "cuont")).unwrap();
+    let message = draw(&[&scene]);
+    assert!(
+        message.contains("scene.toml: line 6: ") && message.contains("cuont"),
+        "{message}"
+    );
+    assert!(!out.exists());
+}
+
+#[test]
+fn the_paper_s_experiments_run() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let report = folder.path().join("ramos.json");
+    let fixed = [
+        "bench", "ramos", "--scene", &scene, "--size", "64x64", "--runs", "2",
+    ];
+    let more = ["--agents", "5,20", "--json", report.to_str().unwrap()];
+    let said = succeed(&[&fixed[..], &more].concat());
+    assert!(said.contains("triangles full/lod") && said.contains("bytes per vertex"));
+    let results = json(&std::fs::read_to_string(report).unwrap());
+    let step = &results["steps"][1];
+    assert_eq!(step["lod"]["agents"], 20);
+    assert_eq!(step["full"]["triangles"], 80);
+    assert!(step["ratios"]["triangles_full_to_lod"].as_f64().unwrap() >= 1.0);
 }
