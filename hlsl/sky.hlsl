@@ -16,8 +16,13 @@ struct Interpolants
 Interpolants VSMain(uint vertex : SV_VertexID)
 {
     float2 corner = float2((vertex << 1) & 2u, vertex & 2u) * 2.0 - 1.0;
+    float depth = 1.0;
+    if (REVERSED_DEPTH)
+    {
+        depth = 0.0;
+    }
     Interpolants o;
-    o.position = float4(corner, REVERSED_DEPTH ? 0.0 : 1.0, 1.0);
+    o.position = float4(corner, depth, 1.0);
     // A point between near and far in the same column of clip space, seen from the eye.
     float4 world = mul(frame.world_from_clip, float4(corner, 0.5, 1.0));
     o.direction = world.xyz / world.w - frame.eye;

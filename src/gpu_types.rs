@@ -36,8 +36,8 @@ pub struct Field {
     pub name: &'static str,
     /// Bytes from the start of the struct.
     pub offset: usize,
-    /// Bytes.
-    pub size: usize,
+    /// Rust type; vectors are arrays, matrices arrays of columns.
+    pub kind: &'static str,
 }
 
 /// One shared struct.
@@ -67,7 +67,7 @@ macro_rules! shared_structs {
             fields: &[$(Field {
                 name: stringify!($field),
                 offset: std::mem::offset_of!($name, $field),
-                size: size_of::<$type>(),
+                kind: stringify!($type),
             },)*],
         },)*];
     };

@@ -700,7 +700,8 @@ impl Core {
             .map_err(core_error("vkBeginCommandBuffer"))
     }
 
-    /// Ends the command buffer, and where recording went well, submits it and waits.
+    /// Ends the command buffer, submits it and waits. Where recording failed it still runs what was recorded: uploads are
+    /// recorded once only.
     fn submit_and_wait(&self, recorded: Result<(), RenderError>) -> Result<(), RenderError> {
         let device = self.device();
         // SAFETY: the command buffer is recording and outside rendering; the fence is unsignalled and reset after the wait.
@@ -708,7 +709,6 @@ impl Core {
             let ended = device
                 .end_command_buffer(self.cmd)
                 .map_err(core_error("vkEndCommandBuffer"));
-            recorded?;
             ended?;
             let cmds = [vk::CommandBufferSubmitInfo::default().command_buffer(self.cmd)];
             let submit = [vk::SubmitInfo2::default().command_buffer_infos(&cmds)];
@@ -720,8 +720,9 @@ impl Core {
                 .map_err(core_error("vkWaitForFences"))?;
             device
                 .reset_fences(&[self.fence])
-                .map_err(core_error("vkResetFences"))
+                .map_err(core_error("vkResetFences"))?;
         }
+        recorded
     }
 }
 

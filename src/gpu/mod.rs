@@ -1,5 +1,6 @@
 //! All of ash and all of `unsafe`: the device, memory, pipelines, recording, and the offscreen host.
 
+pub mod bindings;
 mod commands;
 mod context;
 mod headless;

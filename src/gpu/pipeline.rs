@@ -5,6 +5,7 @@ use std::ffi::CStr;
 
 use ash::vk;
 
+use super::bindings::{self, Kind};
 use super::context::Context;
 use super::renderer::RendererDesc;
 use super::shaders::{MODULES, Module};
@@ -99,34 +100,12 @@ impl Pipelines {
     }
 
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
-        use vk::DescriptorType as T;
         use vk::ShaderStageFlags as S;
-        let mut select = vec![(T::UNIFORM_BUFFER, S::COMPUTE)];
-        select.extend([(T::STORAGE_BUFFER, S::COMPUTE); 11]);
-        self.select_set = set_layout(cx, "select", &select)?;
-        let seen = S::VERTEX | S::COMPUTE;
-        self.draw_set = set_layout(
-            cx,
-            "draw",
-            &[
-                (T::UNIFORM_BUFFER, seen | S::FRAGMENT),
-                (T::STORAGE_BUFFER, seen),
-                (T::STORAGE_BUFFER, seen),
-            ],
-        )?;
-        self.character_set = set_layout(
-            cx,
-            "character",
-            &[
-                (T::UNIFORM_BUFFER, seen),
-                (T::SAMPLED_IMAGE, seen),
-                (T::SAMPLED_IMAGE, seen),
-                (T::SAMPLED_IMAGE, seen),
-                (T::SAMPLED_IMAGE, S::FRAGMENT),
-                (T::SAMPLER, S::FRAGMENT),
-            ],
-        )?;
-        self.probe_set = set_layout(cx, "probe", &[(T::STORAGE_BUFFER, S::COMPUTE)])?;
+        let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
+        self.select_set = set_layout(cx, "select", bindings::SELECT, S::COMPUTE)?;
+        self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
+        self.character_set = set_layout(cx, "character", bindings::CHARACTER, draws)?;
+        self.probe_set = set_layout(cx, "probe", bindings::PROBE, S::COMPUTE)?;
         let constants = size_of::<DrawConstants>() as u32;
         self.select_layout = pipeline_layout(cx, "select", &[self.select_set], None)?;
         self.draw_layout = pipeline_layout(
@@ -417,14 +396,15 @@ fn compute(
 fn set_layout(
     cx: &Context,
     name: &str,
-    bindings: &[(vk::DescriptorType, vk::ShaderStageFlags)],
+    kinds: &[Kind],
+    stages: vk::ShaderStageFlags,
 ) -> Result<vk::DescriptorSetLayout, RenderError> {
     let bindings: Vec<_> = (0u32..)
-        .zip(bindings)
-        .map(|(i, &(ty, stages))| {
+        .zip(kinds)
+        .map(|(i, kind)| {
             vk::DescriptorSetLayoutBinding::default()
                 .binding(i)
-                .descriptor_type(ty)
+                .descriptor_type(kind.descriptor_type())
                 .descriptor_count(1)
                 .stage_flags(stages)
         })

@@ -209,7 +209,8 @@ impl Renderer {
     /// Records the copies of characters added since the last call; nothing where there are none. Outside rendering.
     ///
     /// # Safety
-    /// `cmd` is recording, is outside rendering, and belongs to the frame that `begin_frame` started last.
+    /// `cmd` is recording, is outside rendering, belongs to the frame that `begin_frame` started last, and will be
+    /// submitted: the copies are recorded once only.
     ///
     /// Errors: [`RenderError::Order`] before the first `begin_frame`.
     pub unsafe fn record_uploads(&mut self, cmd: vk::CommandBuffer) -> Result<(), RenderError> {
@@ -272,9 +273,9 @@ impl Renderer {
             });
         };
         let shape = Shape {
-            agents: agents.len() as u32,
+            agents: agents.len().max(1) as u32,
             submesh_stride: self.tables.submesh_stride(),
-            bins: self.tables.bands.len() as u32,
+            bins: self.tables.bands.len().max(1) as u32,
         };
         let slot = &mut self.slots[frame];
         slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;

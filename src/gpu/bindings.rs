@@ -1,0 +1,50 @@
+//! What each descriptor set binds, by binding number from 0: pipelines are made from it, tests compare it with the shaders.
+
+use ash::vk;
+
+/// Kind of a binding.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `ConstantBuffer`.
+    Uniform,
+    /// `StructuredBuffer`, `RWStructuredBuffer`.
+    Storage,
+    /// `Texture2D`, `Texture2DArray`.
+    Image,
+    /// `SamplerState`.
+    Sampler,
+}
+
+impl Kind {
+    pub(crate) fn descriptor_type(self) -> vk::DescriptorType {
+        match self {
+            Self::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
+            Self::Storage => vk::DescriptorType::STORAGE_BUFFER,
+            Self::Image => vk::DescriptorType::SAMPLED_IMAGE,
+            Self::Sampler => vk::DescriptorType::SAMPLER,
+        }
+    }
+}
+
+use Kind::{Image, Sampler, Storage, Uniform};
+
+/// Frame constants, agents, five tables, tally, selected, poses, draws, instances.
+pub const SELECT: &[Kind] = &[
+    Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
+    Storage, Storage,
+];
+/// Frame constants, instances, poses.
+pub const DRAW: &[Kind] = &[Uniform, Storage, Storage];
+/// Character constants, vertices, collapse, palette, texture array and its sampler.
+pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
+/// The probe's output.
+pub const PROBE: &[Kind] = &[Storage];
+
+/// The sets of a compiled module, by set number.
+pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
+    match module {
+        "select_count" | "select_scan" | "select_scatter" => &[SELECT],
+        "mesh_probe" => &[DRAW, CHARACTER, PROBE],
+        _ => &[DRAW, CHARACTER],
+    }
+}

@@ -1,0 +1,302 @@
+//! Whole frames: golden pictures, counts that must hold, and what is refused.
+
+mod common;
+
+use std::path::PathBuf;
+
+use common::{assert_silent, baked_mascot, crowd, headless, options, view};
+use glam::Vec3;
+use throng::gpu::Headless;
+use throng::{Agent, CharacterId, FrameOptions, FrameReport, Method, RenderError, View};
+
+const SIZE: [u32; 2] = [256, 256];
+
+/// Pixels that differ by more than `tolerance` in some channel.
+fn differing(a: &[[u8; 4]], b: &[[u8; 4]], tolerance: u8) -> usize {
+    assert_eq!(a.len(), b.len());
+    a.iter()
+        .zip(b)
+        .filter(|(a, b)| {
+            a.iter()
+                .zip(b.iter())
+                .any(|(x, y)| x.abs_diff(*y) > tolerance)
+        })
+        .count()
+}
+
+/// Compares the last frame with tests/golden/`name`.png: exactly on lavapipe, and within 1 % of the pixels elsewhere.
+fn check_golden(headless: &mut Headless, name: &str) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden")
+        .join(format!("{name}.png"));
+    let pixels = headless.read_image().expect("a picture");
+    let bytes: &[u8] = bytemuck::cast_slice(&pixels);
+    let kind = image::ColorType::Rgba8;
+    if std::env::var("THRONG_BLESS").is_ok_and(|v| v == "1") {
+        image::save_buffer(&path, bytes, SIZE[0], SIZE[1], kind).expect("the golden is written");
+        return;
+    }
+    let golden = image::open(&path)
+        .unwrap_or_else(|e| {
+            panic!(
+                "{}: {e}; look at the picture and bless it: THRONG_BLESS=1 cargo test --release --test frames",
+                path.display()
+            )
+        })
+        .into_rgba8();
+    let golden: Vec<[u8; 4]> = bytemuck::pod_collect_to_vec(golden.as_raw());
+    let lavapipe = headless.device_name().contains("llvmpipe");
+    let (tolerance, allowed) = if lavapipe {
+        (0, 0)
+    } else {
+        (8, golden.len() / 100)
+    };
+    let differ = differing(&pixels, &golden, tolerance);
+    if differ > allowed {
+        let seen = std::env::temp_dir().join(format!("throng_{name}.png"));
+        image::save_buffer(&seen, bytes, SIZE[0], SIZE[1], kind).expect("the picture is written");
+        panic!(
+            "{differ} pixels differ from {}; this picture: {}",
+            path.display(),
+            seen.display()
+        );
+    }
+}
+
+fn frame(headless: &mut Headless, agents: &[Agent], options: &FrameOptions) -> FrameReport {
+    headless
+        .render(agents, &view(SIZE), options)
+        .expect("a frame")
+}
+
+fn with_mascot() -> (Headless, CharacterId) {
+    let mut headless = headless(SIZE);
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    (headless, id)
+}
+
+/// Three near mascots: from the front, the side and behind, bowing.
+fn trio(id: CharacterId) -> Vec<Agent> {
+    (0..3)
+        .map(|i| Agent {
+            position: Vec3::new(i as f32 * 1.5 - 1.5, 0.0, -4.0),
+            heading: i as f32 * 1.7,
+            character: id,
+            phases: [0.2, 0.0],
+            tint_seed: i,
+            ..Default::default()
+        })
+        .collect()
+}
+
+#[test]
+fn goldens() {
+    let (mut headless, id) = with_mascot();
+    for (name, agents, method) in [
+        ("near_full", trio(id), Method::Full),
+        ("near_lod", trio(id), Method::Lod),
+        ("crowd_lod", crowd(400, &[id]), Method::Lod),
+        ("crowd_full", crowd(400, &[id]), Method::Full),
+        ("empty", Vec::new(), Method::Lod),
+    ] {
+        frame(&mut headless, &agents, &options(method));
+        check_golden(&mut headless, name);
+    }
+    assert_silent(&headless);
+}
+
+#[test]
+fn a_changed_pixel_is_found() {
+    let a = vec![[1, 2, 3, 255]; 16];
+    let mut b = a.clone();
+    assert_eq!(differing(&a, &b, 0), 0);
+    b[5][1] = 3;
+    assert_eq!(differing(&a, &b, 0), 1);
+    assert_eq!(differing(&a, &b, 1), 0);
+}
+
+#[test]
+fn uninstanced_draws_the_same_picture_as_full() {
+    let (mut headless, id) = with_mascot();
+    let agents = crowd(300, &[id]);
+    let full = frame(&mut headless, &agents, &options(Method::Full));
+    let picture = headless.read_image().expect("a picture");
+    let uninstanced = frame(&mut headless, &agents, &options(Method::Uninstanced));
+    let other = headless.read_image().expect("a picture");
+    assert_eq!(differing(&picture, &other, 1), 0);
+    assert_eq!(full.visible, uninstanced.visible);
+    assert_eq!(full.triangles, uninstanced.triangles);
+    assert_eq!(uninstanced.draw_calls, uninstanced.instances + 2);
+    assert_eq!(full.draw_calls, 2 + 2);
+    assert_silent(&headless);
+}
+
+#[test]
+fn counts_hold_for_crowds_of_any_size() {
+    let (mut headless, id) = with_mascot();
+    for count in [0, 1, 63, 64, 65, 1000] {
+        for method in [Method::Lod, Method::Full, Method::Uninstanced] {
+            let agents = crowd(count, &[id]);
+            let report = frame(&mut headless, &agents, &options(method));
+            assert_eq!(report.agents, count as u64);
+            assert_eq!(report.visible + report.culled, count as u64);
+            let lists = headless.selection().expect("the lists are kept");
+            let total: u64 = lists.draws.iter().map(|d| d.instance_count as u64).sum();
+            assert_eq!(total, report.instances);
+            // Lists stand one after the other, each within its agents, and no agent twice in one list.
+            let mut end = 0;
+            for d in &lists.draws {
+                assert_eq!(d.first_instance, end);
+                end += d.instance_count;
+                let list = &lists.instances[d.first_instance as usize..end as usize];
+                assert!(list.windows(2).all(|w| w[0].agent < w[1].agent));
+                assert!(list.iter().all(|i| (i.agent as usize) < count));
+            }
+            let triangles: u64 = lists
+                .draws
+                .iter()
+                .map(|d| d.instance_count as u64 * d.index_count as u64 / 3)
+                .sum();
+            assert_eq!(triangles, report.triangles);
+            let live: u64 = lists
+                .instances
+                .iter()
+                .map(|i| i.live_vertex_count as u64)
+                .sum();
+            assert_eq!(live, report.live_vertices);
+        }
+    }
+    assert_silent(&headless);
+}
+
+#[test]
+fn draw_calls_do_not_depend_on_the_number_of_agents() {
+    let (mut headless, id) = with_mascot();
+    let calls: Vec<u64> = [100, 10_000, 100_000]
+        .map(|n| frame(&mut headless, &crowd(n, &[id]), &options(Method::Lod)).draw_calls)
+        .into();
+    // Two submeshes, the ground and the sky.
+    assert_eq!(calls, [4, 4, 4]);
+    assert_silent(&headless);
+}
+
+#[test]
+fn levels_of_detail_save_triangles_and_keep_within_their_bounds() {
+    let (mut headless, id) = with_mascot();
+    let agents = crowd(1000, &[id]);
+    let triangles: Vec<u64> = [0.0, 0.5, 1.0, 4.0]
+        .map(|pixel_error| {
+            let options = FrameOptions {
+                pixel_error,
+                ..options(Method::Lod)
+            };
+            frame(&mut headless, &agents, &options).triangles
+        })
+        .into();
+    assert!(triangles.windows(2).all(|w| w[0] >= w[1]), "{triangles:?}");
+    assert!(triangles[3] * 4 < triangles[0], "{triangles:?}");
+    assert_silent(&headless);
+}
+
+#[test]
+fn every_vertex_shader_run_is_counted() {
+    let (mut headless, id) = with_mascot();
+    let report = frame(&mut headless, &trio(id), &options(Method::Full));
+    let Some(runs) = report.vertex_invocations else {
+        eprintln!("SKIPPED: the device has no pipeline statistics");
+        return;
+    };
+    assert!(
+        runs >= report.live_vertices,
+        "{runs} of {}",
+        report.live_vertices
+    );
+    assert!(runs <= 3 * report.triangles);
+}
+
+#[test]
+fn behind_the_camera_is_culled() {
+    let (mut headless, id) = with_mascot();
+    let behind = Agent {
+        position: Vec3::new(0.0, 0.0, 20.0),
+        character: id,
+        ..Default::default()
+    };
+    let report = frame(&mut headless, &[behind], &options(Method::Lod));
+    assert_eq!((report.visible, report.culled, report.instances), (0, 1, 0));
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_and_the_next_frame_works() {
+    let (mut headless, id) = with_mascot();
+    let good = Agent {
+        character: id,
+        ..Default::default()
+    };
+    let view = view(SIZE);
+    let lod = options(Method::Lod);
+    for bad in [
+        Agent {
+            character: CharacterId(9),
+            ..good
+        },
+        Agent {
+            clips: [9, 0],
+            ..good
+        },
+        Agent {
+            clips: [0, 9],
+            blend: 0.5,
+            ..good
+        },
+        Agent {
+            position: Vec3::NAN,
+            ..good
+        },
+        Agent { scale: 0.0, ..good },
+        Agent {
+            phases: [f32::INFINITY, 0.0],
+            ..good
+        },
+    ] {
+        let refused = headless.render(&[good, bad], &view, &lod);
+        assert!(
+            matches!(refused, Err(RenderError::BadAgent { index: 1, .. })),
+            "{refused:?}"
+        );
+    }
+    let wrong = FrameOptions {
+        pixel_error: f32::NAN,
+        ..lod
+    };
+    assert!(matches!(
+        headless.render(&[good], &view, &wrong),
+        Err(RenderError::BadOption {
+            option: "pixel_error",
+            ..
+        })
+    ));
+    let wrong = View { near: 0.0, ..view };
+    assert!(matches!(
+        headless.render(&[good], &wrong, &lod),
+        Err(RenderError::BadOption { option: "view", .. })
+    ));
+    let mut bad = baked_mascot();
+    bad.indices[0] = u32::MAX;
+    assert!(matches!(
+        headless.add_character(&bad),
+        Err(RenderError::BadCharacter { .. })
+    ));
+    assert!(headless.render(&[good], &view, &lod).is_ok());
+    assert_silent(&headless);
+}
+
+#[test]
+fn a_device_that_does_not_exist_is_named() {
+    let refused = Headless::new(&throng::gpu::HeadlessDesc {
+        device: Some("no such device".into()),
+        ..Default::default()
+    });
+    let message = refused.err().expect("it is refused").to_string();
+    assert!(message.contains("no such device"), "{message}");
+}

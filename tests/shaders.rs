@@ -1,0 +1,347 @@
+//! The shipped SPIR-V against the host's structs and bindings, and the lint against what it is for. Needs no device.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+use spirq::ReflectConfig;
+use spirq::constant::ConstantValue;
+use spirq::entry_point::EntryPoint;
+use spirq::ty::{DescriptorType, MatrixAxisOrder, SpirvType, StructType, Type};
+use spirq::var::Variable;
+use throng::gpu::bindings::{self, Kind};
+use throng::gpu::shaders::{MODULES, Module};
+use throng::gpu_types::{self, LAYOUTS, Layout};
+
+#[path = "../hlsl/lint.rs"]
+mod lint;
+
+fn reflect(module: &Module) -> EntryPoint {
+    let mut entries = ReflectConfig::new()
+        .spv(module.spirv)
+        .ref_all_rscs(true)
+        .reflect()
+        .unwrap_or_else(|e| panic!("{}: {e}", module.name));
+    assert_eq!(entries.len(), 1, "{}", module.name);
+    assert_eq!(entries[0].name, "main", "{}", module.name);
+    entries.remove(0)
+}
+
+/// Structs that stand in buffers of a type, with the stride that arrays of them have.
+fn structs(ty: &Type, stride: Option<usize>, found: &mut Vec<(StructType, Option<usize>)>) {
+    match ty {
+        Type::Array(a) => structs(&a.element_ty, a.stride, found),
+        Type::Struct(s) => {
+            found.push((s.clone(), stride));
+            for member in &s.members {
+                structs(&member.ty, None, found);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// A shader type as Rust writes it; a matrix is an array of columns.
+fn rust_type(ty: &Type) -> String {
+    match ty {
+        Type::Scalar(s) => s.to_string(),
+        Type::Vector(v) => format!("[{}; {}]", v.scalar_ty, v.nscalar),
+        Type::Matrix(m) => {
+            // HLSL's columns are SPIR-V's rows: glslang swaps the two, so this is HLSL's default, column-major.
+            assert_eq!(m.axis_order, Some(MatrixAxisOrder::RowMajor));
+            assert_eq!(m.stride, m.vector_ty.nbyte(), "columns are not tight");
+            format!(
+                "[[{}; {}]; {}]",
+                m.vector_ty.scalar_ty, m.vector_ty.nscalar, m.nvector
+            )
+        }
+        Type::Array(a) => {
+            assert_eq!(a.stride, a.element_ty.nbyte(), "elements are not tight");
+            format!(
+                "[{}; {}]",
+                rust_type(&a.element_ty),
+                a.nelement.unwrap_or(0)
+            )
+        }
+        other => format!("{other:?}"),
+    }
+}
+
+/// How a shader's struct differs from the host's.
+fn difference(layout: &Layout, shader: &StructType, stride: Option<usize>) -> Option<String> {
+    if layout.fields.len() != shader.members.len() {
+        return Some(format!(
+            "{} fields against {}",
+            layout.fields.len(),
+            shader.members.len()
+        ));
+    }
+    for (field, member) in layout.fields.iter().zip(&shader.members) {
+        let ours = (field.name, field.offset, field.kind.to_string());
+        let theirs = (
+            member.name.as_deref().unwrap_or(""),
+            member.offset.unwrap_or(usize::MAX),
+            rust_type(&member.ty),
+        );
+        if ours != theirs {
+            return Some(format!("{ours:?} against {theirs:?}"));
+        }
+    }
+    match stride {
+        Some(stride) if stride != layout.size => {
+            Some(format!("size {} against stride {stride}", layout.size))
+        }
+        _ => None,
+    }
+}
+
+#[test]
+fn structs_are_laid_out_alike() {
+    let mut reached = BTreeSet::new();
+    for module in MODULES {
+        for variable in reflect(module).vars {
+            let ty = match &variable {
+                Variable::Descriptor { ty, .. } | Variable::PushConstant { ty, .. } => ty,
+                _ => continue,
+            };
+            let mut found = Vec::new();
+            structs(ty, None, &mut found);
+            for (shader, stride) in found {
+                // A constant buffer's struct has the variable's name.
+                let name = match shader.name().unwrap_or("") {
+                    "frame" => "FrameConstants",
+                    "character" => "CharacterConstants",
+                    "draw" => "DrawConstants",
+                    other => other,
+                };
+                // glslang wraps a structured buffer's array in a struct of one member, `@data`.
+                if shader.members.len() == 1 && shader.members[0].name.as_deref() == Some("@data") {
+                    continue;
+                }
+                let layout = LAYOUTS.iter().find(|l| l.name == name).unwrap_or_else(|| {
+                    panic!("{}: no twin of struct '{name}': {shader:?}", module.name)
+                });
+                if let Some(d) = difference(layout, &shader, stride) {
+                    panic!("{}: {name}: {d}", module.name);
+                }
+                reached.insert(layout.name);
+            }
+        }
+    }
+    for layout in LAYOUTS {
+        assert!(
+            reached.contains(layout.name),
+            "no shader reads {}",
+            layout.name
+        );
+    }
+}
+
+#[test]
+fn a_moved_field_or_another_type_or_stride_is_found() {
+    let mut found = Vec::new();
+    for variable in reflect(&MODULES[0]).vars {
+        if let Variable::Descriptor { ty, .. } = &variable {
+            structs(ty, None, &mut found);
+        }
+    }
+    let (shader, stride) = found
+        .into_iter()
+        .find(|(s, _)| s.name() == Some("AgentState"))
+        .expect("the first module reads agents");
+    let layout = LAYOUTS
+        .iter()
+        .find(|l| l.name == "AgentState")
+        .expect("it has a twin");
+    assert_eq!(difference(layout, &shader, stride), None);
+    let mut moved = shader.clone();
+    moved.members[1].offset = Some(16);
+    assert!(difference(layout, &moved, stride).is_some());
+    let mut retyped = shader.clone();
+    retyped.members[1].ty = retyped.members[5].ty.clone();
+    assert!(difference(layout, &retyped, stride).is_some());
+    assert!(difference(layout, &shader, Some(64)).is_some());
+}
+
+#[test]
+fn bindings_are_those_of_the_set_layouts() {
+    for module in MODULES {
+        let sets = bindings::sets_of(module.name);
+        for variable in reflect(module).vars {
+            let Variable::Descriptor {
+                name,
+                desc_bind,
+                desc_ty,
+                nbind,
+                ..
+            } = variable
+            else {
+                continue;
+            };
+            let kind = match desc_ty {
+                DescriptorType::UniformBuffer() => Kind::Uniform,
+                DescriptorType::StorageBuffer(_) => Kind::Storage,
+                DescriptorType::SampledImage() => Kind::Image,
+                DescriptorType::Sampler() => Kind::Sampler,
+                other => panic!("{}: {name:?} is a {other:?}", module.name),
+            };
+            let host = sets
+                .get(desc_bind.set() as usize)
+                .and_then(|s| s.get(desc_bind.bind() as usize));
+            assert_eq!(
+                host,
+                Some(&kind),
+                "{}: {name:?} at {desc_bind:?}",
+                module.name
+            );
+            assert_eq!(nbind, 1, "{}: {name:?}", module.name);
+        }
+    }
+}
+
+/// An execution mode's operand.
+fn number(value: &ConstantValue) -> u32 {
+    match value {
+        ConstantValue::U32(x) => *x,
+        ConstantValue::Typeless(bytes) => {
+            u32::from_le_bytes(bytes[..4].try_into().expect("4 bytes"))
+        }
+        other => panic!("{other:?} is no number"),
+    }
+}
+
+#[test]
+fn workgroups_have_the_sizes_that_the_host_divides_by() {
+    for module in MODULES {
+        let size: Vec<u32> = reflect(module)
+            .exec_modes
+            .iter()
+            .filter(|m| m.exec_mode == spirq::spirv::ExecutionMode::LocalSize)
+            .flat_map(|m| m.operands.iter().map(|o| number(&o.value)))
+            .collect();
+        match module.name {
+            "select_scan" => assert_eq!(size, [gpu_types::SCAN_GROUP_SIZE, 1, 1]),
+            "select_count" | "select_scatter" | "mesh_probe" => {
+                assert_eq!(size, [gpu_types::SELECT_GROUP_SIZE, 1, 1])
+            }
+            _ => assert!(size.is_empty(), "{} is no compute shader", module.name),
+        }
+    }
+}
+
+#[test]
+fn shared_numbers_are_equal() {
+    let source = include_str!("../hlsl/gpu_types.hlsli");
+    let value = |name: &str| -> f64 {
+        let line = source
+            .lines()
+            .find(|l| l.starts_with(&format!("#define {name} ")))
+            .unwrap_or_else(|| panic!("no #define {name}"));
+        let text = line
+            .rsplit(' ')
+            .next()
+            .expect("a value")
+            .trim_end_matches('u');
+        match text.strip_prefix("0x") {
+            Some(hex) => u32::from_str_radix(hex, 16).expect("hexadecimal") as f64,
+            None => text.parse().expect("a number"),
+        }
+    };
+    use gpu_types as t;
+    for (name, host) in [
+        ("SELECT_GROUP_SIZE", t::SELECT_GROUP_SIZE as f64),
+        ("SCAN_GROUP_SIZE", t::SCAN_GROUP_SIZE as f64),
+        ("PALETTE_ROW_ENTRIES", t::PALETTE_ROW_ENTRIES as f64),
+        ("VERTEX_ROW_VERTICES", t::VERTEX_ROW_VERTICES as f64),
+        ("SKINNING_ERROR_SHARE", t::SKINNING_ERROR_SHARE as f64),
+        ("BIN_NONE", t::BIN_NONE as f64),
+        ("TALLY_VISIBLE", t::TALLY_VISIBLE as f64),
+        ("TALLY_LIVE_VERTICES_LOW", t::TALLY_LIVE_VERTICES_LOW as f64),
+        (
+            "TALLY_LIVE_VERTICES_HIGH",
+            t::TALLY_LIVE_VERTICES_HIGH as f64,
+        ),
+        ("TALLY_BINS", t::TALLY_BINS as f64),
+        ("FLAG_FULL_DETAIL", t::FLAG_FULL_DETAIL as f64),
+        ("FLAG_STILL", t::FLAG_STILL as f64),
+    ] {
+        assert_eq!(value(name), host, "{name}");
+    }
+}
+
+/// What spirv-val says, or `None` where it is not installed.
+fn spirv_val(words: &[u32]) -> Option<Result<(), String>> {
+    let mut child = Command::new("spirv-val")
+        .args(["--target-env", "vulkan1.1", "-"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .ok()?;
+    child
+        .stdin
+        .take()?
+        .write_all(bytemuck::cast_slice(words))
+        .ok()?;
+    let output = child.wait_with_output().ok()?;
+    Some(if output.status.success() {
+        Ok(())
+    } else {
+        Err(String::from_utf8_lossy(&output.stderr).into_owned())
+    })
+}
+
+#[test]
+fn modules_are_valid_spirv() {
+    for module in MODULES {
+        match spirv_val(module.spirv) {
+            None => {
+                eprintln!("SKIPPED: spirv-val is not installed (apt install spirv-tools)");
+                return;
+            }
+            Some(result) => assert_eq!(result, Ok(()), "{}", module.name),
+        }
+    }
+    // And it does look: a module without its last words is refused.
+    let cut = &MODULES[0].spirv[..MODULES[0].spirv.len() - 8];
+    assert!(spirv_val(cut).is_some_and(|r| r.is_err()));
+}
+
+#[test]
+fn the_lint_finds_what_it_is_for() {
+    for (bad, good) in [
+        (
+            "uint i : SV_InstanceID",
+            "uint i : SV_InstanceID // includes firstInstance",
+        ),
+        ("uint i : SV_StartInstanceLocation", "uint i : SV_VertexID"),
+        (
+            "[[vk::push_constant]] P p;",
+            "[[vk::push_constant]] ConstantBuffer<P> p;",
+        ),
+        (
+            "[[vk::binding(0, 0)]] AppendStructuredBuffer<uint> a;",
+            "[[vk::binding(0, 0)]] RWStructuredBuffer<uint> a;",
+        ),
+        ("half3 color;", "float3 half_extent;"),
+        (
+            "[[vk::binding(0, 0)]] StructuredBuffer<float3> a;",
+            "[[vk::binding(0, 0)]] StructuredBuffer<float4> a;",
+        ),
+        ("float3x4 m;", "row_major float3x4 m;"),
+        (
+            "Texture2D<float4> t : register(t0);",
+            "[[vk::binding(1, 0)]] Texture2D<float4> t;",
+        ),
+        (
+            "StructuredBuffer<uint> a;",
+            "[[vk::binding(1, 0)]] StructuredBuffer<uint> a;",
+        ),
+        ("b.InterlockedAdd(0, 1, v);", "b.InterlockedAdd(0u, 1u, v);"),
+    ] {
+        let found = lint::lint("a.hlsl", bad);
+        assert_eq!(found.len().min(1), 1, "nothing found in: {bad}");
+        assert!(found[0].starts_with("a.hlsl:1: "), "{found:?}");
+        assert_eq!(lint::lint("a.hlsl", good), Vec::<String>::new(), "{good}");
+    }
+}

@@ -1,0 +1,261 @@
+//! The GPU's stages against their CPU twins, and the comparators against corrupted output.
+
+mod common;
+
+use common::{assert_silent, baked_mascot, crowd, headless, options, view};
+use throng::bake::baked::Baked;
+use throng::gpu::Headless;
+use throng::gpu_types::{AgentState, Pose};
+use throng::prepare::Tables;
+use throng::reference::mesh::{Skinned, mesh};
+use throng::reference::select::{Selection, select};
+use throng::{Agent, FrameOptions, Method, View};
+
+const SIZE: [u32; 2] = [256, 256];
+/// Positions are metres and angles are short: single precision leaves less than this.
+const POSITION_TOLERANCE: f32 = 1e-4;
+const NORMAL_TOLERANCE: f32 = 1e-3;
+
+/// An agent as `set_agents` hands it on.
+fn state(agent: &Agent) -> AgentState {
+    AgentState {
+        position: agent.position.into(),
+        heading: agent.heading,
+        scale: agent.scale,
+        character: agent.character.0,
+        clip0: agent.clips[0],
+        clip1: agent.clips[(agent.blend > 0.0) as usize],
+        phase0: agent.phases[0],
+        phase1: agent.phases[1],
+        blend: agent.blend,
+        tint_seed: agent.tint_seed,
+    }
+}
+
+fn twin(tables: &Tables, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
+    let states: Vec<AgentState> = agents.iter().map(state).collect();
+    let frame = throng::select::frame_constants(view, options, agents.len() as u32, tables);
+    select(tables, &states, &frame)
+}
+
+/// How two selections differ. Integers are equal, but for live vertices, bands and pose choices of agents whose error is
+/// within rounding of a threshold: `slack` is how many of those there may be.
+fn difference(gpu: &Selection, cpu: &Selection, slack: usize) -> Option<String> {
+    if gpu.visible.abs_diff(cpu.visible) > slack as u64 {
+        return Some(format!("{} visible against {}", gpu.visible, cpu.visible));
+    }
+    let mut off = 0;
+    let entries = |s: &Selection| {
+        let mut all: Vec<(u32, u32, u32)> = Vec::new();
+        for (bin, d) in (0..).zip(&s.draws) {
+            for i in &s.instances[d.first_instance as usize..][..d.instance_count as usize] {
+                all.push((i.agent, bin, i.live_vertex_count));
+            }
+        }
+        all.sort_unstable();
+        all
+    };
+    let (a, b) = (entries(gpu), entries(cpu));
+    let set: std::collections::BTreeSet<_> = a.iter().collect();
+    off += b.iter().filter(|e| !set.contains(e)).count();
+    off += a.len().abs_diff(b.len());
+    for (g, c) in gpu.draws.iter().zip(&cpu.draws) {
+        if (g.index_count, g.first_index, g.vertex_offset)
+            != (c.index_count, c.first_index, c.vertex_offset)
+        {
+            return Some(format!("{g:?} against {c:?}"));
+        }
+    }
+    let visible: std::collections::BTreeSet<u32> = b.iter().map(|e| e.0).collect();
+    for &agent in &visible {
+        let (g, c) = (&gpu.poses[agent as usize], &cpu.poses[agent as usize]);
+        if !alike(g, c) {
+            off += 1;
+        }
+    }
+    (off > slack).then(|| format!("{off} entries or poses differ"))
+}
+
+fn alike(g: &Pose, c: &Pose) -> bool {
+    let n = c.sample_count as usize;
+    let near = |a: f32, b: f32| (a - b).abs() < 1e-4;
+    g.position == c.position
+        && g.tint_seed == c.tint_seed
+        && near(g.heading_cos, c.heading_cos)
+        && near(g.heading_sin, c.heading_sin)
+        && g.influence_count == c.influence_count
+        && g.sample_count == c.sample_count
+        && g.sample_entries[..n] == c.sample_entries[..n]
+        && (0..n).all(|i| near(g.sample_weights[i], c.sample_weights[i]))
+}
+
+fn render(headless: &mut Headless, agents: &[Agent], options: &FrameOptions) -> Selection {
+    headless
+        .render(agents, &view(SIZE), options)
+        .expect("a frame");
+    headless.selection().expect("the lists are kept")
+}
+
+#[test]
+fn select_writes_what_its_twin_writes() {
+    let mut headless = headless(SIZE);
+    let a = headless.add_character(&baked_mascot()).expect("it uploads");
+    let b = headless.add_character(&baked_mascot()).expect("twice");
+    for count in [0, 1, 63, 64, 65, 1000] {
+        for pixel_error in [0.0, 1.0, 8.0] {
+            let agents = crowd(count, &[a, b]);
+            let options = FrameOptions {
+                pixel_error,
+                ..options(Method::Lod)
+            };
+            let gpu = render(&mut headless, &agents, &options);
+            let cpu = twin(headless.tables(), &agents, &view(SIZE), &options);
+            assert_eq!(
+                difference(&gpu, &cpu, count / 200),
+                None,
+                "{count} agents, {pixel_error} px"
+            );
+        }
+    }
+    for options in [
+        options(Method::Full),
+        FrameOptions {
+            animate: false,
+            ..options(Method::Lod)
+        },
+    ] {
+        let agents = crowd(500, &[a, b]);
+        let gpu = render(&mut headless, &agents, &options);
+        let cpu = twin(headless.tables(), &agents, &view(SIZE), &options);
+        assert_eq!(difference(&gpu, &cpu, 2), None, "{options:?}");
+    }
+    assert_silent(&headless);
+}
+
+#[test]
+fn a_corrupted_selection_is_found() {
+    let mut headless = headless(SIZE);
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    let agents = crowd(100, &[id]);
+    let options = options(Method::Lod);
+    let good = render(&mut headless, &agents, &options);
+    assert_eq!(difference(&good, &good, 0), None);
+    let corrupt = |change: &dyn Fn(&mut Selection)| {
+        let mut bad = good.clone();
+        change(&mut bad);
+        assert!(difference(&bad, &good, 0).is_some());
+    };
+    corrupt(&|s| s.visible += 1);
+    corrupt(&|s| s.instances[0].agent ^= 1);
+    corrupt(&|s| s.instances[0].live_vertex_count += 1);
+    corrupt(&|s| s.draws[0].first_index += 3);
+    corrupt(&|s| {
+        let drawn = s
+            .draws
+            .iter_mut()
+            .find(|d| d.instance_count > 0)
+            .expect("one is drawn");
+        drawn.instance_count -= 1;
+    });
+    corrupt(&|s| {
+        let agent = s.instances[0].agent as usize;
+        s.poses[agent].sample_weights[0] += 0.01;
+    });
+    corrupt(&|s| {
+        let agent = s.instances[0].agent as usize;
+        s.poses[agent].sample_entries[0] += 1;
+    });
+}
+
+/// The largest difference of positions and of normals.
+fn differences(gpu: &[Skinned], cpu: &[Skinned]) -> (f32, f32) {
+    assert_eq!(gpu.len(), cpu.len());
+    gpu.iter().zip(cpu).fold((0.0, 0.0), |worst, (g, c)| {
+        (
+            worst.0.max(distance(g.position, c.position)),
+            worst.1.max(distance(g.normal, c.normal)),
+        )
+    })
+}
+
+/// Infinite where a number is missing, so that it never passes for small.
+fn distance(a: glam::Vec3, b: glam::Vec3) -> f32 {
+    let d = a.distance(b);
+    if d.is_nan() { f32::INFINITY } else { d }
+}
+
+fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixel_error: f32) {
+    let character = agents[0].character;
+    let options = FrameOptions {
+        pixel_error,
+        ..options(Method::Lod)
+    };
+    let lists = render(headless, agents, &options);
+    let mut influences = std::collections::BTreeSet::new();
+    let mut first_band = 0;
+    for (s, submesh) in baked.submeshes.iter().enumerate() {
+        for draw in &lists.draws[first_band..first_band + submesh.band_count as usize] {
+            // One instance of every band that is drawn.
+            if draw.instance_count == 0 {
+                continue;
+            }
+            let instance = lists.instances[draw.first_instance as usize];
+            let pose = &lists.poses[instance.agent as usize];
+            influences.insert((pose.influence_count, pose.sample_count));
+            let cpu = mesh(baked, s, pose, instance.live_vertex_count);
+            // The probe reads the lists in the GPU's order, so it may draw another agent of the same band: find it.
+            let gpu = headless
+                .probe_mesh(character, s, draw.first_instance)
+                .expect("a probe");
+            let candidates = lists.instances[draw.first_instance as usize..]
+                [..draw.instance_count as usize]
+                .iter();
+            let best = candidates
+                .map(|i| {
+                    let pose = &lists.poses[i.agent as usize];
+                    differences(&gpu, &mesh(baked, s, pose, i.live_vertex_count))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .expect("the list is not empty");
+            assert!(
+                best.0 < POSITION_TOLERANCE,
+                "positions differ by {} m",
+                best.0
+            );
+            assert!(best.1 < NORMAL_TOLERANCE, "normals differ by {}", best.1);
+            // The comparator is not blind.
+            let mut bad = cpu.clone();
+            bad[0].position.x += 1e-3;
+            assert!(differences(&bad, &cpu).0 > POSITION_TOLERANCE);
+            bad[0].normal = -bad[0].normal;
+            assert!(differences(&bad, &cpu).1 > NORMAL_TOLERANCE);
+            bad[0].position.x = f32::NAN;
+            assert!(differences(&bad, &cpu).0 > POSITION_TOLERANCE);
+        }
+        first_band += submesh.band_count as usize;
+    }
+    assert!(
+        influences.len() > 1 || agents.len() < 10,
+        "{influences:?}: every case was the same"
+    );
+}
+
+#[test]
+fn mesh_moves_vertices_where_its_twin_moves_them() {
+    let mut headless = headless(SIZE);
+    let baked = baked_mascot();
+    let id = headless.add_character(&baked).expect("it uploads");
+    compare_meshes(&mut headless, &baked, &crowd(200, &[id]), 1.0);
+    assert_silent(&headless);
+}
+
+#[test]
+fn mesh_agrees_on_a_real_character() {
+    let Some(baked) = common::real_character("glb/horse_textured.glb") else {
+        return;
+    };
+    let mut headless = headless(SIZE);
+    let id = headless.add_character(&baked).expect("it uploads");
+    compare_meshes(&mut headless, &baked, &crowd(100, &[id]), 2.0);
+    assert_silent(&headless);
+}
