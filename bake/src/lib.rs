@@ -15,6 +15,7 @@ pub mod import;
 pub mod merge;
 pub mod mesh;
 pub mod palette;
+pub mod people;
 pub mod pose;
 pub mod quantize;
 pub mod simplify;
