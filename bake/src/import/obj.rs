@@ -7,7 +7,7 @@ use glam::{Mat4, Vec2, Vec3};
 use tobj::{LoadError, LoadOptions};
 
 use super::images::ImageFault;
-use super::surface::{Influences, Surface};
+use super::surface::{Influences, Surface, unblended};
 use super::{files, images, influences};
 use crate::character::{Alpha, Character, Image, Joint, Material, Node, Transform};
 use crate::error::ImportError;
@@ -246,13 +246,13 @@ impl Textures {
         let cut_out =
             given.dissolve_texture.is_some() && given.dissolve_texture == given.diffuse_texture;
         let mut alpha = Alpha::Opaque;
-        if dissolve < 1.0 || cut_out {
+        if cut_out {
             alpha = Alpha::Mask(0.5);
         }
         if dissolve < 1.0 {
-            library.warnings.push(format!(
-                "material '{name}' is transparent; it is drawn where its alpha is at least 0.5"
-            ));
+            let (how, warning) = unblended(&name, &mut base_color, cut_out);
+            alpha = how;
+            library.warnings.push(warning);
         } else if given.dissolve_texture.is_some() && !cut_out {
             library.warnings.push(format!(
                 "material '{name}' has a transparency texture of its own; it is left out"

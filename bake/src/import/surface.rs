@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 
-use crate::character::Part;
+use crate::character::{Alpha, Part};
 
 /// Where a file has no normals, faces that meet at a greater angle than this stay a visible edge.
 const CREASE_COS: f32 = 0.5; // 60 degrees
@@ -243,4 +243,32 @@ impl Surface {
         };
         (part, self.influences)
     }
+}
+
+/// Alpha below which a blended material is meant not to be seen.
+const INVISIBLE_ALPHA: f32 = 0.02;
+
+/// What stands for a blended material, and the warning that says so: crowds are drawn without sorting. Glass and the
+/// like become opaque; a texture's alpha cuts out.
+pub(super) fn unblended(
+    material: &str,
+    base_color: &mut [f32; 4],
+    textured: bool,
+) -> (Alpha, String) {
+    let seen = base_color[3] >= INVISIBLE_ALPHA;
+    if seen {
+        base_color[3] = 1.0;
+    }
+    let (alpha, how) = match (seen, textured) {
+        (false, _) => (Alpha::Mask(0.5), "not at all, as its alpha is near 0"),
+        (true, true) => (
+            Alpha::Mask(0.5),
+            "where its texture's alpha is at least 0.5",
+        ),
+        (true, false) => (Alpha::Opaque, "opaque"),
+    };
+    (
+        alpha,
+        format!("material '{material}' is blended; it is drawn {how}"),
+    )
 }

@@ -9,6 +9,7 @@ use crate::character::{Alpha, Image, Material};
 use crate::error::ImportError;
 use crate::import::files;
 use crate::import::images::{self, ImageFault};
+use crate::import::surface::unblended;
 
 /// Materials and images as they come into use.
 #[derive(Default)]
@@ -82,7 +83,7 @@ impl Materials {
         {
             (factor, texture) = (specular.diffuse_factor, specular.diffuse_texture);
         }
-        let factor = factor.unwrap_or([1.0; 4]);
+        let mut factor = factor.unwrap_or([1.0; 4]);
         if factor.iter().any(|f| !f.is_finite()) {
             return Err(source.bad(place, "its colour is not finite"));
         }
@@ -99,10 +100,9 @@ impl Materials {
                 Alpha::Mask(given.alpha_cutoff.filter(|c| c.is_finite()).unwrap_or(0.5))
             }
             Some("BLEND") => {
-                self.warnings.push(format!(
-                    "material '{name}' is blended; it is drawn where its alpha is at least 0.5"
-                ));
-                Alpha::Mask(0.5)
+                let (alpha, warning) = unblended(&name, &mut factor, base_color_image.is_some());
+                self.warnings.push(warning);
+                alpha
             }
             Some(mode) => {
                 let reason = format!("alphaMode '{}' does not exist", files::shorten(mode, 16));
