@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::source::people;
 use anyhow::{Result, anyhow};
-use throng_bake::glb;
+use throng_bake::{glb, people};
 
 use super::output::{Progress, Table, grouped, say, write_file};
 use super::source::{self, BUILTIN};

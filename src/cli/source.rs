@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use throng_bake::bake::{BakeOptions, BakeTimes, bake};
 use throng_bake::baked::Baked;
 use throng_bake::character::Character;
-use throng_bake::{file, import};
+use throng_bake::{file, import, people};
 
 use super::output::Progress;
 
@@ -69,7 +69,7 @@ pub fn bake_character(
 }
 
 fn builtin(name: &str) -> Result<Character> {
-    people::build(name).map_err(|e| anyhow!("{BUILTIN}{name}: {e}"))
+    Ok(people::build(name)?)
 }
 
 fn read(source: &str) -> Result<(&Path, Vec<u8>)> {
@@ -86,13 +86,4 @@ fn import_bytes(path: &Path, bytes: &[u8], progress: &Progress) -> Result<Charac
         progress.warn(&format!("{}: {warning}", path.display()));
     }
     Ok(character)
-}
-#[allow(missing_docs)]
-pub mod people {
-    pub fn names() -> Vec<&'static str> {
-        vec![]
-    }
-    pub fn build(n: &str) -> Result<super::Character, String> {
-        Err(n.into())
-    }
 }
