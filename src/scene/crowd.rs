@@ -285,7 +285,7 @@ impl<'a> Places<'a> {
     /// Position of agent `index`, and its heading where the scene says it.
     fn at(&self, index: usize, random: &mut Random) -> (Vec3, Option<f32>) {
         // Roberts' R2 sequence: any first n points cover the unit square evenly. Some disorder hides its lattice.
-        let spread = 0.15 / (self.count.max(1) as f32).sqrt();
+        let spread = 0.3 / (self.count.max(1) as f32).sqrt();
         let disorder = Vec2::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0)) * spread;
         let sequence = |start: f32, step: f64| {
             (f64::from(start) + (index as f64 + 1.0) * step).rem_euclid(1.0) as f32
