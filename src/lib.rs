@@ -26,8 +26,11 @@
 //! Per frame in flight: `set_agents`, `record_uploads` and `record_select` outside rendering, `record_draw` inside a dynamic
 //! rendering scope that the host began, `report` after the host's fence.
 
+#![deny(unsafe_code)]
+
 pub mod error;
 pub mod frame;
+#[allow(unsafe_code)]
 pub mod gpu;
 pub mod gpu_types;
 pub mod ground;

@@ -4,6 +4,8 @@
 //! Data flows one way: [`import`] -> [`character::Character`] -> [`merge`] -> [`mesh::Mesh`] -> [`simplify`] ->
 //! [`mesh::CollapseSequence`] -> [`sliding_tris`] -> [`baked::Baked`] -> [`mod@file`].
 
+#![forbid(unsafe_code)]
+
 pub mod bake;
 pub mod baked;
 pub mod character;
