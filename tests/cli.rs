@@ -378,3 +378,45 @@ fn the_paper_s_experiments_run() {
     assert_eq!(step["full"]["triangles"], 80);
     assert!(step["ratios"]["triangles_full_to_lod"].as_f64().unwrap() >= 1.0);
 }
+
+/// The whole way of a built-in character: made, written, baked, looked at, exported, drawn.
+#[test]
+fn a_built_in_character_goes_all_the_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let models = path("models");
+    let written = succeed(&["characters", "dog", "--write", &models]);
+    assert_eq!(written.trim(), path("models/dog.glb"));
+    let (glb, baked) = (path("models/dog.glb"), path("dog.throng"));
+    succeed(&["bake", &glb, "-o", &baked]);
+    let contents = json(&succeed(&["inspect", &baked, "--json"]));
+    assert_eq!(contents["name"], "dog");
+    assert!((3000..=8000).contains(&contents["triangle_count"].as_u64().unwrap()));
+    let per_vertex = contents["bytes_per_vertex"]["total"].as_f64().unwrap();
+    assert!(per_vertex <= 80.0, "{per_vertex}");
+
+    let few = path("dog_40.glb");
+    succeed(&["export", &baked, "--triangles", "40", "-o", &few]);
+    let fewer = json(&succeed(&["inspect", &few, "--json"]));
+    let triangle_count = fewer["triangle_count"].as_u64().unwrap();
+    assert!((20..=40).contains(&triangle_count), "{triangle_count}");
+    // Joints that no vertex of the level follows any more do not come back.
+    assert!(fewer["joint_count"].as_u64() <= contents["joint_count"].as_u64());
+    assert_eq!(fewer["clips"].as_array().unwrap().len(), 3);
+
+    let (picture, report) = (path("dogs.png"), path("dogs.json"));
+    let drawn = [
+        "--agents", "300", "--size", "160x120", "--report", &report, "--runs", "1",
+    ];
+    succeed(
+        &[
+            &["render", "plaza", "-c", &baked, "-o", &picture][..],
+            &drawn,
+        ]
+        .concat(),
+    );
+    let report = json(&std::fs::read_to_string(report).unwrap());
+    assert_eq!(report["agents"], 300);
+    assert!(report["draw_calls"].as_u64().unwrap() <= 16);
+    assert!(refuse(&["characters", "unicorn"]).contains("unicorn"));
+}
