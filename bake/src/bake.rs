@@ -77,7 +77,11 @@ pub fn bake(
     done(from, &mut times);
     let from = stage("simplify", &mut times);
     let poses = PoseSet::choose(character, &mesh, POSE_COUNT);
-    let sequence = simplify::simplify(&mesh, &poses);
+    let images: Vec<&Image> = merge::used_images(character)
+        .into_iter()
+        .map(|i| &character.images[i as usize])
+        .collect();
+    let sequence = simplify::simplify(&mesh, &poses, &images);
     done(from, &mut times);
     let from = stage("order", &mut times);
     let sliding = order_within_budget(&mesh, &sequence, options)?;
@@ -86,10 +90,6 @@ pub fn bake(
     let (palette, clips) = palette::sample_clips(character, &mesh, options.frame_rate_hz)?;
     done(from, &mut times);
     let from = stage("textures", &mut times);
-    let images: Vec<&Image> = merge::used_images(character)
-        .into_iter()
-        .map(|i| &character.images[i as usize])
-        .collect();
     let textures = texture::texture_array(&images, options.texture_size);
     done(from, &mut times);
 

@@ -145,7 +145,7 @@ fn a_flat_grid_becomes_two_triangles_without_error() {
     }
     let mesh = merge(&character(vec![p], vec![Material::default()], 1)).expect("merge");
     assert_eq!((mesh.vertex_count(), mesh.triangles.len()), (81, 128));
-    let s = simplify(&mesh, &bent(1));
+    let s = simplify(&mesh, &bent(1), &[]);
     check(&mesh, &s);
     let k = steps_for(&mesh, &s, 2);
     assert!(s.steps[k - 1].error_m < 1e-3, "{}", s.steps[k - 1].error_m);
@@ -174,7 +174,7 @@ fn a_tube_keeps_its_bend() {
         12 * 33,
         "the seam is not visible without a texture"
     );
-    let s = simplify(&mesh, &bent(2));
+    let s = simplify(&mesh, &bent(2), &[]);
     check(&mesh, &s);
     let k = steps_for(&mesh, &s, 80);
     let triangles = triangles_at(&mesh, &s, k);
@@ -214,7 +214,7 @@ fn submeshes_that_touch_do_not_crack() {
     .expect("merge");
     assert_eq!(mesh.submeshes.len(), 2);
     assert_eq!(open_edges(&mesh, &mesh.triangles), 0);
-    let s = simplify(&mesh, &bent(2));
+    let s = simplify(&mesh, &bent(2), &[]);
     check(&mesh, &s);
     for k in 0..s.steps.len() {
         // Steps with the same error happen at once.
@@ -235,7 +235,7 @@ fn pieces_vanish_smallest_first() {
         tube(12, 9, Vec3::X * 3.0, 0.02, 0),
     ];
     let mesh = merge(&character(parts, vec![Material::default()], 2)).expect("merge");
-    let s = simplify(&mesh, &bent(2));
+    let s = simplify(&mesh, &bent(2), &[]);
     check(&mesh, &s);
     let left = triangles_at(&mesh, &s, steps_for(&mesh, &s, 12));
     assert!(left.len() >= 8);
@@ -255,7 +255,7 @@ fn same_input_same_sequence() {
     let c = character(parts, vec![Material::default()], 4);
     let run = || {
         let mesh = merge(&c).expect("merge");
-        simplify(&mesh, &bent(4)).steps
+        simplify(&mesh, &bent(4), &[]).steps
     };
     assert_eq!(run(), run());
 }
@@ -317,7 +317,7 @@ fn colours_and_textures_merge_and_states_do_not() {
         (18, 21),
         "only a texture needs its seam"
     );
-    check(&mesh, &simplify(&mesh, &bent(2)));
+    check(&mesh, &simplify(&mesh, &bent(2), &[]));
 }
 
 #[test]

@@ -9,20 +9,25 @@ mod attributes;
 mod extract;
 mod lanes;
 mod links;
+mod looks;
 mod poses;
 mod quadric;
 mod samples;
 mod surface;
+mod visibility;
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use crate::character::Image;
 use crate::mesh::{Collapse, CollapseSequence, Mesh};
 
 use attributes::WedgeMove;
+use lanes::{LANES, Lanes, Vec3Lanes, read};
+use looks::Looks;
 use quadric::Quadrics;
 use samples::Samples;
-use surface::{Surface, cross, dot, sub};
+use surface::Surface;
 
 pub use extract::triangles_at;
 pub use poses::{Pose, PoseSet};
@@ -31,22 +36,29 @@ pub use poses::{Pose, PoseSet};
 const QUADRIC_WEIGHT: f64 = 0.03;
 /// Targets that a point tries by measuring, the best by quadrics.
 const TRIED: usize = 3;
-/// Weight of a change of looks against a deviation of the same length.
-const LOOKS_WEIGHT: f64 = 0.1;
+/// Growth of what looks are worth from which a proposal is weighed again.
+const LOOKS_DRIFT: f64 = 1.25;
 /// Weight of a face that turns over, against moving it by its own size.
 const FLIP_WEIGHT: f64 = 1.0;
+/// What a corner of another look does to the faces around it: the mean square of a barycentric coordinate.
+const INTERPOLATED_SHARE: f32 = 1.0 / 6.0;
+/// Error of a level over its root mean square deviation: what nearly all of the surface stays within.
+const ERROR_FACTOR: f64 = 1.0;
+/// Weight of a change of volume, against moving the faces by as much.
+const VOLUME_WEIGHT: f64 = 3.0;
 /// Cosine of the turn from which a face counts as turned over.
 const FLIP_COSINE: f32 = 0.25;
 
-/// The whole sequence of half-edge collapses of `mesh`, errors measured in `poses`.
+/// The whole sequence of half-edge collapses of `mesh`, errors measured in `poses`. `images` are the texture's layers, which
+/// say what a shift of texture coordinates looks like; a layer without an image counts as white.
 ///
 /// Guarantees: deterministic; every vertex but one root per submesh is a source exactly once, and its target is of the same
 /// submesh and alive; `error_m` never falls; the steps of one point stand together and have the same error.
-pub fn simplify(mesh: &Mesh, poses: &PoseSet) -> CollapseSequence {
+pub fn simplify(mesh: &Mesh, poses: &PoseSet, images: &[&Image]) -> CollapseSequence {
     let mut surface = Surface::new(mesh, poses);
     links::link_pieces(&mut surface);
     let quadrics = Quadrics::new(&surface);
-    let samples = Samples::new(&surface);
+    let samples = Samples::new(&surface, Looks::new(mesh, images));
     let point_count = surface.faces_of.len();
     let mut simplifier = Simplifier {
         stamps: vec![0; point_count],
@@ -57,9 +69,11 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet) -> CollapseSequence {
         quadrics,
         samples,
         dirty: vec![false; point_count],
+        weighed: vec![0.0; point_count],
         error: 0.0,
         moves: Vec::new(),
         targets: Vec::new(),
+        choices: Vec::new(),
     };
     for point in 0..simplifier.stamps.len() as u32 {
         simplifier.propose(point);
@@ -69,7 +83,7 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet) -> CollapseSequence {
             continue;
         }
         match best.action {
-            Action::Collapse { .. } if simplifier.dirty[best.point as usize] => {
+            Action::Collapse { .. } if simplifier.out_of_date(best.point) => {
                 simplifier.propose(best.point);
             }
             // Faces may have grown since: then it costs more by now.
@@ -91,13 +105,21 @@ enum Action {
     Twin { from: u32, to: u32 },
 }
 
+/// A target that a point may collapse onto.
+#[derive(Debug, Clone, Copy)]
+struct Choice {
+    /// Cost as quadrics and the wedges' looks have it: says which targets are worth measuring.
+    estimate: f64,
+    /// Cost beside the measured one.
+    unseen: f64,
+    target: u32,
+}
+
 /// The best action of a point at the time of its stamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Proposal {
     /// Area times squared length.
     cost: f64,
-    /// Length.
-    error: f64,
     point: u32,
     stamp: u32,
     action: Action,
@@ -123,12 +145,14 @@ impl PartialOrd for Proposal {
 struct Simplifier<'a> {
     surface: Surface<'a>,
     quadrics: Quadrics,
-    samples: Samples,
+    samples: Samples<'a>,
     /// Per point: its proposal is from before a change next to it, and is looked at again before it is carried out.
     dirty: Vec<bool>,
+    /// Per point: what looks were worth at that time.
+    weighed: Vec<f64>,
     heap: BinaryHeap<Proposal>,
     /// Per point: its best collapse.
-    collapses: Vec<Option<(f64, f64, Action)>>,
+    collapses: Vec<Option<(f64, Action)>>,
     /// Per point: proposals with another stamp are out of date.
     stamps: Vec<u32>,
     /// Per submesh: no face before this one is alive and of the submesh.
@@ -137,30 +161,37 @@ struct Simplifier<'a> {
     error: f32,
     moves: Vec<WedgeMove>,
     targets: Vec<u32>,
+    choices: Vec<Choice>,
 }
 
-impl Simplifier<'_> {
+impl<'a> Simplifier<'a> {
     /// Looks for the best collapse of `point` and puts its best action into the queue.
     fn propose(&mut self, point: u32) {
         self.dirty[point as usize] = false;
+        self.weighed[point as usize] = self.samples.look_weight();
         let mut targets = std::mem::take(&mut self.targets);
         self.surface.neighbors(point, &mut targets);
-        let mut best: Option<(f64, f64, Action)> = None;
-        let mut choices: Vec<(f64, f64, f64, u32)> = Vec::new();
-        for &target in &targets {
-            if let Some((cost, other, error)) = self.collapse_cost(point, target) {
-                choices.push((cost, other, error, target));
-            }
-        }
-        choices.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.3.cmp(&b.3)));
-        for &(_, other, error, target) in choices.iter().take(TRIED) {
-            let change = self.samples.try_collapse(&self.surface, point, target);
-            let cost = other + change.cost;
+        let mut choices = std::mem::take(&mut self.choices);
+        choices.clear();
+        choices.extend(targets.iter().filter_map(|&t| self.estimate(point, t)));
+        choices.sort_by(|a, b| {
+            let cost = a.estimate.total_cmp(&b.estimate);
+            cost.then(a.target.cmp(&b.target))
+        });
+        let mut best: Option<(f64, Action)> = None;
+        for &Choice { target, unseen, .. } in choices.iter().take(TRIED) {
+            let (surface, looks) = (&self.surface, self.samples.looks());
+            attributes::wedge_moves(surface, looks, point, target, &mut self.moves);
+            let measured = self
+                .samples
+                .try_collapse(surface, point, target, &self.moves);
+            let cost = measured + unseen;
             if best.is_none_or(|b| cost < b.0) {
-                best = Some((cost, error, Action::Collapse { target }));
+                best = Some((cost, Action::Collapse { target }));
             }
         }
         self.targets = targets;
+        self.choices = choices;
         self.collapses[point as usize] = best;
         self.enqueue(point);
     }
@@ -174,10 +205,9 @@ impl Simplifier<'_> {
         {
             best = Some(twin);
         }
-        if let Some((cost, error, action)) = best {
+        if let Some((cost, action)) = best {
             self.heap.push(Proposal {
                 cost,
-                error,
                 point,
                 stamp: self.stamps[point as usize],
                 action,
@@ -185,78 +215,99 @@ impl Simplifier<'_> {
         }
     }
 
-    fn twin_costs_more(&self, proposal: &Proposal) -> bool {
-        self.best_twin(proposal.point)
-            .is_none_or(|twin| twin.0 > proposal.cost * (1.0 + 1e-9))
+    /// Whether the surface around `point` or what looks are worth has changed since its collapse was looked for.
+    fn out_of_date(&self, point: u32) -> bool {
+        self.dirty[point as usize]
+            || self.samples.look_weight() > LOOKS_DRIFT * self.weighed[point as usize]
     }
 
-    /// Cost and error of moving `point` onto `target`; none where it may not.
-    fn collapse_cost(&mut self, point: u32, target: u32) -> Option<(f64, f64, f64)> {
-        let mut moves = std::mem::take(&mut self.moves);
-        let allowed = attributes::wedge_moves(&self.surface, point, target, &mut moves);
-        let (mut looks, mut looks_error) = (0.0, 0.0f64);
-        for m in &moves {
-            let length = (m.contrast * m.area.sqrt()) as f64;
-            looks += m.area as f64 * length * length;
-            looks_error = looks_error.max(length);
-        }
-        self.moves = moves;
-        if !allowed {
+    fn twin_costs_more(&mut self, proposal: &Proposal) -> bool {
+        self.best_twin(proposal.point)
+            .is_none_or(|twin| twin.0 > proposal.cost + 1e-9 * proposal.cost.abs())
+    }
+
+    /// What moving `point` onto `target` may cost; none where it may not.
+    fn estimate(&mut self, point: u32, target: u32) -> Option<Choice> {
+        let (surface, looks) = (&self.surface, self.samples.looks());
+        if !attributes::wedge_moves(surface, looks, point, target, &mut self.moves) {
             return None;
         }
-        let (mean, worst) = self.quadrics.error(&self.surface, point, target);
-        let flips = self.flips(point, target);
-        let area = self.quadrics.areas[point as usize].max(f64::MIN_POSITIVE);
-        let error = (worst / area + LOOKS_WEIGHT * looks_error * looks_error).sqrt();
-        let other = LOOKS_WEIGHT * looks + FLIP_WEIGHT * flips;
-        Some((mean + other, other + QUADRIC_WEIGHT * mean, error))
+        let contrast: f32 = self
+            .moves
+            .iter()
+            .filter_map(|m| Some(looks.of(m.from).contrast_squared(&looks.of(m.to?))))
+            .sum();
+        let faces = surface.faces_of[point as usize].iter();
+        let area: f32 = faces.map(|&f| surface.areas[f as usize]).sum();
+        let share = INTERPOLATED_SHARE * area / self.moves.len().max(1) as f32;
+        let looks = self.samples.look_weight() * (share * contrast) as f64;
+        let quadric = self.quadrics.error(surface, point, target);
+        let shape = self.shape_cost(point, target);
+        Some(Choice {
+            estimate: quadric + looks + shape,
+            unseen: shape + QUADRIC_WEIGHT * quadric,
+            target,
+        })
     }
 
-    /// Area squared of the faces that turn over if `point` moves onto `target`, by the share of poses in which they do.
-    fn flips(&self, point: u32, target: u32) -> f64 {
+    /// Cost of what distances do not see if `point` moves onto `target`, mean over the poses: area squared of the faces that
+    /// turn over, and the volume between old and new faces squared over their area (Lindstrom & Turk 1998), which keeps
+    /// limbs thick.
+    fn shape_cost(&self, point: u32, target: u32) -> f64 {
         let s = &self.surface;
-        let mut sum = 0.0;
-        for &f in &s.faces_of[point as usize] {
-            let face = &s.faces[f as usize];
-            if face.has(target) {
-                continue;
-            }
-            let corner = face.points.iter().position(|&p| p == point).unwrap_or(0);
-            let (c, d) = (face.points[(corner + 1) % 3], face.points[(corner + 2) % 3]);
-            for k in 0..s.pose_count {
-                let [a, b, c, d] = [point, target, c, d].map(|p| s.at(p).map(|x| x[k]));
-                let edge = sub(d, c);
-                let old = cross(edge, sub(a, c));
-                let new = cross(edge, sub(b, c));
-                let (cos, new2) = (dot(old, new), dot(new, new));
-                if cos <= 0.0 || cos * cos < FLIP_COSINE * FLIP_COSINE * dot(old, old) * new2 {
-                    sum += (0.25 * s.pose_weights[k] * new2) as f64;
+        let faces = &s.faces_of[point as usize];
+        let area: f32 = faces.iter().map(|&f| s.areas[f as usize]).sum();
+        let (mut turned, mut swept) = (0.0, 0.0);
+        for group in 0..s.pose_count / LANES {
+            let at = |p| Vec3Lanes::read(s.posed_of(p), s.pose_count, group);
+            let (from, to) = (at(point), at(target));
+            let weights = read(&s.pose_weights, group);
+            let mut volume = Lanes::ZERO;
+            for &f in faces {
+                let face = &s.faces[f as usize];
+                if face.has(target) {
+                    continue;
                 }
+                let corner = face.points.iter().position(|&p| p == point).unwrap_or(0);
+                let c = at(face.points[(corner + 1) % 3]);
+                let edge = at(face.points[(corner + 2) % 3]) - c;
+                // Twice the area, as vectors.
+                let (old, new) = (edge.cross(from - c), edge.cross(to - c));
+                let (turn, size) = (old.dot(new), new.dot(new));
+                let least = FLIP_COSINE * FLIP_COSINE * old.dot(old) * size;
+                let stays = turn.cmpgt(Lanes::ZERO) & (turn * turn).cmpge(least);
+                turned += Lanes::select(stays, Lanes::ZERO, 0.25 * weights * size).element_sum();
+                volume += (to - from).dot(old) / 6.0;
             }
+            swept += (weights * volume * volume).element_sum();
         }
-        sum
+        let volume = swept / area.max(f32::MIN_POSITIVE);
+        FLIP_WEIGHT * turned as f64 + VOLUME_WEIGHT * volume as f64
     }
 
     /// The cheapest way to give up a seam at `point`.
-    fn best_twin(&self, point: u32) -> Option<(f64, f64, Action)> {
+    fn best_twin(&mut self, point: u32) -> Option<(f64, Action)> {
         let s = &self.surface;
         let wedges = &s.wedges_of[point as usize];
-        let mut best: Option<(f64, f64, Action)> = None;
+        let mut best: Option<(f64, Action)> = None;
         for &from in wedges {
-            let faces = s.faces_of[point as usize].iter();
-            let area: f32 = faces
-                .filter(|&&f| s.faces[f as usize].wedge_at(point) == from)
-                .map(|&f| s.areas[f as usize])
-                .sum();
-            for &to in wedges {
-                if to == from || s.mesh.submesh[to as usize] != s.mesh.submesh[from as usize] {
-                    continue;
-                }
-                let length = (attributes::contrast(s, from, to, area, false) * area.sqrt()) as f64;
-                let cost = LOOKS_WEIGHT * area as f64 * length * length;
+            // The twin that looks most like it; what that costs is then measured.
+            let twin = wedges
+                .iter()
+                .copied()
+                .filter(|&to| to != from)
+                .filter(|&to| s.mesh.submesh[to as usize] == s.mesh.submesh[from as usize])
+                .map(|to| {
+                    (
+                        attributes::difference(s, self.samples.looks(), from, to),
+                        to,
+                    )
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            if let Some((_, to)) = twin {
+                let cost = self.samples.try_twin(s, point, from, to);
                 if best.is_none_or(|b| cost < b.0) {
-                    let error = LOOKS_WEIGHT.sqrt() * length;
-                    best = Some((cost, error, Action::Twin { from, to }));
+                    best = Some((cost, Action::Twin { from, to }));
                 }
             }
         }
@@ -264,15 +315,12 @@ impl Simplifier<'_> {
     }
 
     fn perform(&mut self, proposal: Proposal) {
-        // Errors of different points differ, if only by the last bit: any number of points can then be asked for.
-        let error = (proposal.error * self.surface.unit as f64) as f32;
-        self.error = if error > self.error || self.error == 0.0 {
-            error.max(self.error)
-        } else {
-            self.error.next_up()
-        };
         match proposal.action {
             Action::Twin { from, to } => {
+                self.samples
+                    .try_twin(&self.surface, proposal.point, from, to);
+                self.samples.commit_twin(&self.surface);
+                self.raise_error();
                 self.retarget(proposal.point, from, to);
                 self.step(from, to);
                 self.enqueue(proposal.point);
@@ -281,17 +329,37 @@ impl Simplifier<'_> {
         }
     }
 
+    /// The error of the level that the next steps make. Errors of different points differ, if only by the last bit: any
+    /// number of points can then be asked for.
+    fn raise_error(&mut self) {
+        let deviation = ERROR_FACTOR * self.samples.deviation();
+        let error = (deviation * self.surface.unit as f64) as f32;
+        self.error = if error > self.error || self.error == 0.0 {
+            error.max(self.error)
+        } else {
+            self.error.next_up()
+        };
+    }
+
     /// Moves `point` onto `target` and proposes anew for all points that see it.
     fn collapse(&mut self, point: u32, target: u32) {
         let mut moves = std::mem::take(&mut self.moves);
-        attributes::wedge_moves(&self.surface, point, target, &mut moves);
+        attributes::wedge_moves(
+            &self.surface,
+            self.samples.looks(),
+            point,
+            target,
+            &mut moves,
+        );
+        self.samples
+            .try_collapse(&self.surface, point, target, &moves);
+        self.samples.commit_collapse(&self.surface, point);
+        self.raise_error();
         for m in &moves {
             if let Some(to) = m.to {
                 self.retarget(point, m.from, to);
             }
         }
-        self.samples.try_collapse(&self.surface, point, target);
-        self.samples.commit(&self.surface, point, target);
         let mut touched = Vec::new();
         let s = &mut self.surface;
         for f in std::mem::take(&mut s.faces_of[point as usize]) {

@@ -1,6 +1,5 @@
 //! Plane quadrics of every point in every pose (Garland & Heckbert 1997, summed over poses as Mohr & Gleicher 2003 do).
 
-use super::lanes::LANES;
 use super::surface::{Surface, cross, dot, length, sub};
 
 /// Coefficients of a symmetric 4x4 matrix.
@@ -14,8 +13,6 @@ pub(super) struct Quadrics {
     pose_weights: Vec<f64>,
     /// `[point][COEFFICIENTS][pose_count]`.
     values: Vec<f64>,
-    /// Area that each point stands for.
-    pub areas: Vec<f64>,
 }
 
 impl Quadrics {
@@ -27,9 +24,8 @@ impl Quadrics {
             pose_count: n,
             pose_weights: surface.pose_weights.iter().map(|&w| w as f64).collect(),
             values: vec![0.0; points * COEFFICIENTS * n],
-            areas: vec![0.0; points],
         };
-        for (i, face) in surface.faces.iter().enumerate() {
+        for face in &surface.faces {
             for k in 0..n {
                 let normal = surface.normal(face.points, k);
                 let twice_area = length(normal);
@@ -40,9 +36,6 @@ impl Quadrics {
                         quadrics.add_plane(surface, p, face.points[0], k, unit, weight);
                     }
                 }
-            }
-            for p in face.points {
-                quadrics.areas[p as usize] += surface.areas[i] as f64 / 3.0;
             }
             for corner in 0..3 {
                 let (a, b) = (face.points[corner], face.points[(corner + 1) % 3]);
@@ -108,30 +101,22 @@ impl Quadrics {
         for i in 0..length {
             self.values[to * length + i] += self.values[from * length + i];
         }
-        self.areas[to] += self.areas[from];
     }
 
-    /// Area times squared distance if `point` moved to where `target` is: the mean over poses, and the worst pose.
-    pub fn error(&self, surface: &Surface, point: u32, target: u32) -> (f64, f64) {
+    /// Area times squared distance if `point` moved to where `target` is, mean over the poses.
+    pub fn error(&self, surface: &Surface, point: u32, target: u32) -> f64 {
         let n = self.pose_count;
         let q = &self.values[point as usize * COEFFICIENTS * n..][..COEFFICIENTS * n];
         let [x, y, z] = surface.at(target);
-        let (mut sum, mut worst) = (0.0, 0.0f64);
-        for g in (0..n).step_by(LANES) {
-            let mut error = [0.0; LANES];
-            for (l, e) in error.iter_mut().enumerate() {
-                let k = g + l;
-                let (x, y, z) = (x[k] as f64, y[k] as f64, z[k] as f64);
-                *e = x * (q[k] * x + q[3 * n + k] * y + q[4 * n + k] * z + q[6 * n + k])
-                    + y * (q[n + k] * y + q[5 * n + k] * z + q[7 * n + k])
-                    + z * (q[2 * n + k] * z + q[8 * n + k])
-                    + q[9 * n + k];
-            }
-            for (l, e) in error.into_iter().enumerate() {
-                sum += self.pose_weights[g + l] * e.max(0.0);
-                worst = worst.max(e);
-            }
+        let mut sum = 0.0;
+        for k in 0..n {
+            let (x, y, z) = (x[k] as f64, y[k] as f64, z[k] as f64);
+            let error = x * (q[k] * x + q[3 * n + k] * y + q[4 * n + k] * z + q[6 * n + k])
+                + y * (q[n + k] * y + q[5 * n + k] * z + q[7 * n + k])
+                + z * (q[2 * n + k] * z + q[8 * n + k])
+                + q[9 * n + k];
+            sum += self.pose_weights[k] * error.max(0.0);
         }
-        (sum, worst)
+        sum
     }
 }

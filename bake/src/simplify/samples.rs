@@ -1,65 +1,105 @@
-//! Samples of the full surface, tracked through all collapses: how far the surface of a level really is from them.
+//! Samples of the full surface, tracked through all collapses: how far the surface of a level really is from them, and how
+//! different it looks there.
 //!
 //! Every face keeps the samples that it stands for. A collapse hands the samples of the faces around the dying point to the
 //! nearest of the faces that take their place, so that its cost is the change of the summed squared distance over all poses:
 //! what quadrics estimate, measured.
 
+use super::attributes::WedgeMove;
 use super::lanes::{LANES, TriangleLanes, Vec3Lanes, read};
-use super::surface::Surface;
+use super::looks::{Look, Looks};
+use super::surface::{Surface, cross, dot, length, sub};
+use super::visibility::visibility;
 
 /// Share of a triangle's area that its centroid stands for; the corners share the rest. Exact for squared distances to a
 /// plane.
 const CENTROID_SHARE: f32 = 0.75;
+/// What a hidden surface counts, against one in full view: it must not come out through what hides it.
+const HIDDEN_SHARE: f32 = 0.4;
+/// Squared deviation that weighs as much as showing black for white, over the deviation of the level and the character's
+/// size. An outline that is off by `d` shows as `d` times its length; wrong colour shows as its area: so what colour is
+/// worth in squared distances grows with the level's own deviation.
+const LOOKS_LENGTH: f64 = 4.0;
+/// Deviation of a level below which looks are worth no less.
+const LOOKS_LEAST: f64 = 2e-4;
+/// Weight of faces that stand out over the full surface, against samples that the surface is off from.
+const OVERHANG_WEIGHT: f64 = 4.0;
 
-pub(super) struct Samples {
+pub(super) struct Samples<'a> {
+    looks: Looks<'a>,
     pose_count: usize,
     /// `[sample][3][pose_count]`.
     posed: Vec<f32>,
-    /// Area that each sample stands for.
-    weights: Vec<f32>,
-    /// Squared distance to the surface as it is: mean over the poses.
-    distances: Vec<f32>,
+    /// Area that each sample stands for: for distances, hidden surfaces counting less, and for looks, only the visible.
+    weights: Vec<[f32; 2]>,
+    /// What the full surface looks like there; none where several wedges meet.
+    look: Vec<Option<Look>>,
+    /// Of the surface as it is: squared distance, squared contrast.
+    deviations: Vec<[f32; 2]>,
     /// Samples that each face stands for.
     of_face: Vec<Vec<u32>>,
-    /// Samples that a trial looks at, and where they would go.
-    trial: Vec<u32>,
-    trial_best: Vec<(f32, f32, u32)>,
-    trial_sum: Vec<(f32, f32)>,
-    /// Faces of a trial: the face and its points after the collapse.
-    trial_faces: Vec<(u32, [u32; 3])>,
+    trial: Trial,
+    /// Sum of weights times deviations over all samples, and of weights.
+    total: [f64; 2],
+    area: f64,
+    /// Squared distance that weighs as much as a contrast of 1.
+    look_weight: f64,
 }
 
-/// What a collapse does to the samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Change {
-    /// Change of area times squared distance, mean over the poses.
-    pub cost: f64,
-    /// Greatest squared distance afterwards, worst pose.
-    pub worst: f32,
-    /// Mean squared distance afterwards, mean over the poses.
-    pub mean: f32,
+/// The samples that a collapse concerns, and where they would go.
+#[derive(Default)]
+struct Trial {
+    samples: Vec<u32>,
+    /// Parallel to `samples`.
+    best: Vec<Nearest>,
+    sums: Vec<f32>,
+    deviations: Vec<[f32; 2]>,
+    faces: Vec<TrialFace>,
 }
 
-impl Samples {
+/// The face that is nearest to a sample, by index into [`Trial::faces`].
+#[derive(Clone, Copy)]
+struct Nearest {
+    /// Squared distance, mean over the poses.
+    mean: f32,
+    face: u32,
+}
+
+/// A face as it would be after a collapse.
+#[derive(Clone, Copy)]
+struct TrialFace {
+    face: u32,
+    points: [u32; 3],
+    wedges: [u32; 3],
+}
+
+impl<'a> Samples<'a> {
     /// A sample at every point and at the centroid of every face.
-    pub fn new(surface: &Surface) -> Self {
+    pub fn new(surface: &Surface, looks: Looks<'a>) -> Self {
         let n = surface.pose_count;
         let points = surface.faces_of.len();
         let mut s = Self {
             pose_count: n,
             posed: Vec::with_capacity((points + surface.faces.len()) * 3 * n),
-            weights: vec![0.0; points],
-            distances: vec![0.0; points + surface.faces.len()],
+            weights: vec![[0.0; 2]; points],
+            look: Vec::with_capacity(points + surface.faces.len()),
+            deviations: vec![[0.0; 2]; points + surface.faces.len()],
             of_face: Vec::with_capacity(surface.faces.len()),
-            trial: Vec::new(),
-            trial_best: Vec::new(),
-            trial_sum: Vec::new(),
-            trial_faces: Vec::new(),
+            trial: Trial::default(),
+            looks,
+            total: [0.0; 2],
+            area: 0.0,
+            look_weight: LOOKS_LENGTH * LOOKS_LEAST,
         };
+        let visibility = visibility(surface);
         for p in 0..points as u32 {
             for axis in surface.at(p) {
                 s.posed.extend_from_slice(axis);
             }
+            s.look.push(match surface.wedges_of[p as usize][..] {
+                [wedge] => Some(s.looks.of(wedge)),
+                _ => None,
+            });
         }
         for (i, face) in surface.faces.iter().enumerate() {
             let corners = face.points.map(|p| surface.at(p));
@@ -68,81 +108,185 @@ impl Samples {
                 s.posed
                     .extend((0..n).map(|k| (a[k] + b[k] + c[k]) * (1.0 / 3.0)));
             }
-            let area = surface.areas[i];
+            let hs = HIDDEN_SHARE;
+            let weight = [
+                surface.areas[i] * (hs + (1.0 - hs) * visibility[i]),
+                surface.areas[i] * visibility[i],
+            ];
             for p in face.points {
-                s.weights[p as usize] += area * (1.0 - CENTROID_SHARE) / 3.0;
+                for (w, x) in s.weights[p as usize].iter_mut().zip(weight) {
+                    *w += x * (1.0 - CENTROID_SHARE) / 3.0;
+                }
             }
-            s.weights.push(area * CENTROID_SHARE);
+            s.weights.push(weight.map(|w| w * CENTROID_SHARE));
+            s.look.push(Some(s.looks.at(face.wedges, [1.0 / 3.0; 3])));
             s.of_face.push(vec![(points + i) as u32]);
         }
+        s.area = s.weights.iter().map(|w| w[0] as f64).sum();
         s
     }
 
-    /// What moving `point` onto `target` would change. Leaves the assignment ready for [`Samples::commit`].
-    pub fn try_collapse(&mut self, surface: &Surface, point: u32, target: u32) -> Change {
-        self.trial.clear();
-        self.trial.push(point);
-        self.trial_faces.clear();
+    pub fn looks(&self) -> &Looks<'a> {
+        &self.looks
+    }
+
+    /// Change of area times squared deviation if `point` moves onto `target`, its wedges as `moves` say.
+    /// [`Samples::commit_collapse`] then does it.
+    pub fn try_collapse(
+        &mut self,
+        surface: &Surface,
+        point: u32,
+        target: u32,
+        moves: &[WedgeMove],
+    ) -> f64 {
+        let trial = &mut self.trial;
+        trial.samples.clear();
+        trial.samples.push(point);
+        trial.faces.clear();
         for &f in &surface.faces_of[point as usize] {
-            self.trial.extend(&self.of_face[f as usize]);
+            trial.samples.extend(&self.of_face[f as usize]);
             let face = &surface.faces[f as usize];
             if !face.has(target) {
-                let after = face.points.map(|p| if p == point { target } else { p });
-                self.trial_faces.push((f, after));
+                trial.faces.push(TrialFace {
+                    face: f,
+                    points: face.points.map(|p| if p == point { target } else { p }),
+                    wedges: face.wedges.map(|w| moved(moves, w)),
+                });
             }
         }
-        if self.trial_faces.is_empty() {
+        if trial.faces.is_empty() {
             self.faces_nearby(surface, point, target);
         }
-        self.trial_best.clear();
-        self.trial_best
-            .resize(self.trial.len(), (f32::MAX, 0.0, u32::MAX));
-        for i in 0..self.trial_faces.len() {
-            let (face, points) = self.trial_faces[i];
-            self.measure(surface, face, points);
-        }
-        if self.trial_faces.is_empty() {
+        let trial = &mut self.trial;
+        trial.best.clear();
+        let none = Nearest {
+            mean: f32::MAX,
+            face: u32::MAX,
+        };
+        trial.best.resize(trial.samples.len(), none);
+        if self.trial.faces.is_empty() {
             // Nothing is left nearby: the piece ends as the point that it vanished onto.
             self.measure(surface, u32::MAX, [target; 3]);
         }
-        let mut change = Change {
-            cost: 0.0,
-            worst: 0.0,
-            mean: 0.0,
-        };
-        let (mut area, mut sum) = (0.0, 0.0);
-        for (&sample, &(mean, worst, _)) in self.trial.iter().zip(&self.trial_best) {
-            let weight = self.weights[sample as usize];
-            change.cost += (weight * (mean - self.distances[sample as usize])) as f64;
-            change.worst = change.worst.max(worst);
-            area += weight;
-            sum += weight * mean;
+        for i in 0..self.trial.faces.len() {
+            let points = self.trial.faces[i].points;
+            self.measure(surface, i as u32, points);
         }
-        change.mean = sum / area.max(f32::MIN_POSITIVE);
-        change
+        self.weigh(surface) + OVERHANG_WEIGHT * self.overhang(surface)
     }
 
-    /// Offers a face with the corners `points` to all samples of the trial.
+    /// The same if the corners of wedge `from` go to its twin `to`. [`Samples::commit_twin`] then does it.
+    pub fn try_twin(&mut self, surface: &Surface, point: u32, from: u32, to: u32) -> f64 {
+        let moves = [WedgeMove { from, to: Some(to) }];
+        let trial = &mut self.trial;
+        trial.samples.clear();
+        trial.faces.clear();
+        trial.best.clear();
+        for &f in &surface.faces_of[point as usize] {
+            let face = &surface.faces[f as usize];
+            if !face.wedges.contains(&from) {
+                continue;
+            }
+            trial.samples.extend(&self.of_face[f as usize]);
+            let here = Nearest {
+                mean: 0.0,
+                face: trial.faces.len() as u32,
+            };
+            trial.best.resize(trial.samples.len(), here);
+            trial.faces.push(TrialFace {
+                face: f,
+                points: face.points,
+                wedges: face.wedges.map(|w| moved(&moves, w)),
+            });
+        }
+        // Distances stay as they are: only the looks change.
+        let mut contrast = 0.0;
+        for (i, &sample) in self.trial.samples.iter().enumerate() {
+            let after = self.contrast(surface, i);
+            let before = self.deviations[sample as usize][1];
+            contrast += (self.weights[sample as usize][1] * (after - before)) as f64;
+        }
+        self.look_weight * contrast
+    }
+
+    /// Cost of the trial: every sample goes to its nearest face.
+    fn weigh(&mut self, surface: &Surface) -> f64 {
+        let mut cost = 0.0;
+        self.trial.deviations.clear();
+        for i in 0..self.trial.samples.len() {
+            let sample = self.trial.samples[i] as usize;
+            let nearest = self.trial.best[i];
+            let new = [nearest.mean, self.contrast(surface, i)];
+            let old = self.deviations[sample];
+            self.trial.deviations.push(new);
+            let [place, look] = self.weights[sample];
+            cost += (place * (new[0] - old[0])) as f64;
+            cost += self.look_weight * (look * (new[1] - old[1])) as f64;
+        }
+        cost
+    }
+
+    /// Squared contrast of sample `i` of the trial with its nearest face.
+    fn contrast(&self, surface: &Surface, i: usize) -> f32 {
+        let sample = self.trial.samples[i] as usize;
+        let Some(look) = &self.look[sample] else {
+            return 0.0;
+        };
+        let Some(face) = self.trial.faces.get(self.trial.best[i].face as usize) else {
+            // Nothing is left to look at.
+            return 1.0;
+        };
+        let n = self.pose_count;
+        let at = [0, 1, 2].map(|axis| self.posed[(sample * 3 + axis) * n]);
+        let corners = face.points.map(|p| surface.at(p).map(|x| x[0]));
+        let there = self.looks.at(face.wedges, nearest_barycentric(at, corners));
+        look.contrast_squared(&there)
+    }
+
+    /// Offers the triangle of `points` to all samples of the trial as face `face`.
     fn measure(&mut self, surface: &Surface, face: u32, points: [u32; 3]) {
         let n = self.pose_count;
-        self.trial_sum.clear();
-        self.trial_sum.resize(self.trial.len(), (0.0, 0.0));
+        let trial = &mut self.trial;
+        trial.sums.clear();
+        trial.sums.resize(trial.samples.len(), 0.0);
         for group in 0..n / LANES {
             let [a, b, c] = points.map(|p| Vec3Lanes::read(surface.posed_of(p), n, group));
             let triangle = TriangleLanes::new(a, b, c);
             let weights = read(&surface.pose_weights, group);
-            for (&sample, sum) in self.trial.iter().zip(&mut self.trial_sum) {
+            for (&sample, sum) in trial.samples.iter().zip(&mut trial.sums) {
                 let p = &self.posed[sample as usize * 3 * n..][..3 * n];
                 let d = triangle.distance_squared(Vec3Lanes::read(p, n, group));
-                sum.0 += d.dot(weights);
-                sum.1 = sum.1.max(d.max_element());
+                *sum += d.dot(weights);
             }
         }
-        for (&(mean, worst), best) in self.trial_sum.iter().zip(&mut self.trial_best) {
-            if mean < best.0 {
-                *best = (mean, worst, face);
+        for (&mean, best) in trial.sums.iter().zip(&mut trial.best) {
+            if mean < best.mean {
+                *best = Nearest { mean, face };
             }
         }
+    }
+
+    /// How far the new faces stand out over the full surface: area times squared distance from each one's centroid to the
+    /// nearest sample, first pose. Distances within the samples' spacing do not count.
+    fn overhang(&self, surface: &Surface) -> f64 {
+        let n = self.pose_count;
+        let mut sum = 0.0;
+        for face in &self.trial.faces {
+            let [a, b, c] = face.points.map(|p| surface.at(p).map(|x| x[0]));
+            let area = 0.5 * length(cross(sub(b, a), sub(c, a)));
+            let center = [0, 1, 2].map(|i| (a[i] + b[i] + c[i]) * (1.0 / 3.0));
+            let mut least = f32::MAX;
+            for &sample in &self.trial.samples {
+                let sample = sample as usize;
+                let at = [0, 1, 2].map(|axis| self.posed[(sample * 3 + axis) * n]);
+                let gap = sub(at, center);
+                least = least.min(dot(gap, gap) - self.weights[sample][0]);
+            }
+            if least < f32::MAX {
+                sum += (area * least.max(0.0)) as f64;
+            }
+        }
+        sum
     }
 
     /// The faces that samples fall back to where a collapse leaves none of the faces around a point.
@@ -153,22 +297,107 @@ impl Samples {
             .flat_map(|&p| &surface.faces_of[p as usize]);
         for &f in around {
             let face = &surface.faces[f as usize];
-            if !face.has(point) && !self.trial_faces.iter().any(|x| x.0 == f) {
-                self.trial_faces.push((f, face.points));
+            let faces = &mut self.trial.faces;
+            if !face.has(point) && !faces.iter().any(|x| x.face == f) {
+                faces.push(TrialFace {
+                    face: f,
+                    points: face.points,
+                    wedges: face.wedges,
+                });
             }
         }
     }
 
     /// Carries out what [`Samples::try_collapse`] was last asked for.
-    pub fn commit(&mut self, surface: &Surface, point: u32, _target: u32) {
+    pub fn commit_collapse(&mut self, surface: &Surface, point: u32) {
         for &f in &surface.faces_of[point as usize] {
             self.of_face[f as usize].clear();
         }
-        for (&sample, &(mean, _, face)) in self.trial.iter().zip(&self.trial_best) {
-            self.distances[sample as usize] = mean;
-            if let Some(list) = self.of_face.get_mut(face as usize) {
-                list.push(sample);
+        let trial = &self.trial;
+        for (i, &sample) in trial.samples.iter().enumerate() {
+            let (old, new) = (self.deviations[sample as usize], trial.deviations[i]);
+            for k in 0..2 {
+                self.total[k] += (self.weights[sample as usize][k] * (new[k] - old[k])) as f64;
+            }
+            self.deviations[sample as usize] = new;
+            if let Some(face) = trial.faces.get(trial.best[i].face as usize) {
+                self.of_face[face.face as usize].push(sample);
             }
         }
+        let level = (self.total[0].max(0.0) / self.area.max(f64::MIN_POSITIVE)).sqrt();
+        let look_weight = LOOKS_LENGTH * level;
+        self.look_weight = self.look_weight.max(look_weight);
+    }
+
+    /// Root mean square deviation of the surface as it is, distances and looks.
+    pub fn deviation(&self) -> f64 {
+        let sum = self.total[0] + 1.0f64 * self.look_weight * self.total[1];
+        (sum.max(0.0) / self.area.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
+    /// Squared distance that weighs as much as a contrast of 1, at this level.
+    pub fn look_weight(&self) -> f64 {
+        self.look_weight
+    }
+
+    /// Carries out what [`Samples::try_twin`] was last asked for.
+    pub fn commit_twin(&mut self, surface: &Surface) {
+        for i in 0..self.trial.samples.len() {
+            let after = self.contrast(surface, i);
+            let sample = self.trial.samples[i] as usize;
+            let change = after - self.deviations[sample][1];
+            self.deviations[sample][1] = after;
+            self.total[1] += (self.weights[sample][1] * change) as f64;
+        }
+    }
+}
+
+fn moved(moves: &[WedgeMove], wedge: u32) -> u32 {
+    moves
+        .iter()
+        .find(|m| m.from == wedge)
+        .and_then(|m| m.to)
+        .unwrap_or(wedge)
+}
+
+/// Barycentric coordinates of the point of a triangle that is nearest to `p` (Ericson 2005, §5.1.5).
+fn nearest_barycentric(p: [f32; 3], [a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let bp = sub(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return [0.0, 1.0, 0.0];
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        let v = d1 / (d1 - d3).max(f32::MIN_POSITIVE);
+        return [1.0 - v, v, 0.0];
+    }
+    let cp = sub(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return [0.0, 0.0, 1.0];
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        let w = d2 / (d2 - d6).max(f32::MIN_POSITIVE);
+        return [1.0 - w, 0.0, w];
+    }
+    let va = d3 * d6 - d5 * d4;
+    let (along, across) = (d4 - d3, d5 - d6);
+    if va <= 0.0 && along >= 0.0 && across >= 0.0 {
+        let w = along / (along + across).max(f32::MIN_POSITIVE);
+        return [0.0, 1.0 - w, w];
+    }
+    let sum = va + vb + vc;
+    if sum > 0.0 {
+        let (v, w) = (vb / sum, vc / sum);
+        [1.0 - v - w, v, w]
+    } else {
+        [1.0, 0.0, 0.0]
     }
 }
