@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::field::{Bind, Layer, Paint, Prim, Ring, Shape, smoothstep};
+use super::field::{Bind, Layer, Paint, Prim, Ring, smoothstep};
 use super::figure::{CHEST, Figure, HIPS, SIDES, apart, cone, ellipsoid, loft, rigid};
 use super::params::{Bottom, Clothes, Shoes, Top};
 
@@ -29,23 +29,31 @@ fn shade(paint: Paint, by: f32) -> Paint {
 
 pub fn layers(figure: &Figure, clothes: &Clothes, paints: &Paints) -> Vec<Layer> {
     let mut out = bottom(figure, clothes.bottom, paints);
-    out.extend(top(figure, clothes.top, paints));
-    if let Some(belt) = paints.belt {
-        // A dress is belted at the waist, trousers at the hips.
-        let (y, extra) = match clothes.top {
-            Top::Dress => (1.085, 0.019),
-            Top::Coat => (1.085, 0.040),
-            _ => (1.022, 0.019),
+    let tops = top(figure, clothes.top, paints);
+    if let Some(paint) = paints.belt {
+        // A dress or coat is belted at the waist, trousers at the hips.
+        let (around, y) = match clothes.top {
+            Top::Dress | Top::Coat => (tops.first(), 1.090),
+            _ => (out.first(), 1.022),
         };
-        let mut layer = Layer::new(belt, 0.0, figure.trunk(extra));
-        layer.trim(move |p| (p.y - y).abs() - 0.018);
-        layer.mark(shade(belt, 0.45), move |p| {
-            (p.x.abs() - 0.022).max(-p.z).max((p.y - y).abs() - 0.013)
-        });
-        out.push(layer);
+        let belt = around.map(|around| belt(around, paint, y));
+        out.extend(belt);
     }
+    out.extend(tops);
     out.extend(shoes(figure, clothes.shoes, paints));
     out
+}
+
+/// A band around a layer at height `y`, with a buckle.
+fn belt(around: &Layer, paint: Paint, y: f32) -> Layer {
+    let mut layer = Layer::new(paint, 0.006, around.prims.clone());
+    layer.trim(move |p| (p.y - y).abs() - 0.018);
+    // Not around the sleeves.
+    layer.trim(|p| p.x.abs() - 0.27);
+    layer.mark(shade(paint, 0.45), move |p| {
+        (p.x.abs() - 0.022).max(-p.z).max((p.y - y).abs() - 0.013)
+    });
+    layer
 }
 
 fn ring(at: f32, half_width: f32, front: f32, back: f32) -> Ring {
@@ -129,8 +137,8 @@ fn bottom(figure: &Figure, bottom: Bottom, paints: &Paints) -> Vec<Layer> {
                 [0.95, 0.168, 0.100, 0.116],
                 [1.04, 0.142, 0.090, 0.088],
             ];
-            let mut prims = figure.trunk(0.008);
-            prims.push(drape(figure, &skirt_bind(figure), 0.008, &rings));
+            let mut prims = figure.trunk(0.018);
+            prims.push(drape(figure, &skirt_bind(figure), 0.012, &rings));
             (prims, 0.545)
         }
     };
@@ -165,40 +173,47 @@ fn bottom(figure: &Figure, bottom: Bottom, paints: &Paints) -> Vec<Layer> {
     vec![layer]
 }
 
-/// Distance along the nearer arm from its shoulder joint.
+/// Distance along the nearer arm from its shoulder joint; far below 0 where there is no arm.
 fn along_arm(figure: &Figure) -> impl Fn(Vec3) -> f32 + Clone + Send + Sync + 'static {
     let (shoulder, direction) = (figure.arm(1.0, 0.0), figure.arm_direction(1.0));
-    move |p: Vec3| (Vec3::new(p.x.abs(), p.y, p.z) - shoulder).dot(direction)
+    move |p: Vec3| {
+        let q = Vec3::new(p.x.abs(), p.y, p.z) - shoulder;
+        let along = q.dot(direction);
+        if (q - direction * along).length_squared() < 0.12 * 0.12 {
+            along
+        } else {
+            -1.0
+        }
+    }
 }
 
 /// Trunk and sleeves of a top, with a band at the cuff where `cuff` is not 0.
 fn shell(figure: &Figure, paint: Paint, extra: f32, sleeve: f32, loose: f32) -> Layer {
     let mut prims = figure.trunk(extra);
-    if sleeve > 0.0 {
-        let along = along_arm(figure);
-        for side in SIDES {
-            let along = along.clone();
-            let arm = figure.arm_prim(side, extra * 0.85, loose);
-            prims.push(arm.clipped(move |p| along(p) - sleeve));
-        }
+    if sleeve <= 0.0 {
+        return Layer::new(paint, 0.0, prims);
     }
-    Layer::new(paint, 0.0, prims)
+    prims.extend(SIDES.map(|side| figure.arm_prim(side, extra * 0.85, loose)));
+    let mut layer = Layer::new(paint, 0.0, prims);
+    let along = along_arm(figure);
+    layer.trim(move |p| along(p) - sleeve);
+    layer
 }
 
-/// A close neckline: the layer ends at a plane through the base of the neck, lower in front.
-fn crew_neck(layer: &mut Layer, y: f32) {
-    layer.trim(move |p| (p.y - y + 0.30 * p.z).min(0.076 - p.x.hypot(p.z + 0.015)));
+/// A close neckline: cloth `extra` away from the neck, up to a plane through its base that is lower in front.
+fn crew_neck(figure: &Figure, layer: &mut Layer, extra: f32, y: f32) {
+    let mut neck = figure.neck();
+    neck.grow(extra);
+    layer.prims.push(neck);
+    layer.trim(move |p| (p.y - y + 0.45 * p.z).min(0.125 - p.x.hypot(p.z + 0.02)));
 }
 
 /// A wide neckline that shows the collarbones.
 fn scoop_neck(layer: &mut Layer, y: f32, drop: f32) {
     layer.trim(move |p| {
         let front = y - drop * smoothstep(-0.06, 0.08, p.z);
-        let hole = Vec3::new(
-            p.x / 0.085,
-            (p.y - front - 0.045) / 0.055,
-            (p.z + 0.01) / 0.13,
-        );
+        let below = (p.y - front - 0.045).min(0.0);
+        let hole = Vec3::new(p.x / 0.085, below / 0.055, (p.z + 0.01) / 0.13);
         0.05 * (1.0 - hole.length())
     });
     layer.trim(move |p| (p.y - (y + 0.030)).min(0.092 - p.x.abs()));
@@ -207,15 +222,12 @@ fn scoop_neck(layer: &mut Layer, y: f32, drop: f32) {
 /// A shirt collar: a band around the neck, higher behind, open in front.
 fn collar(figure: &Figure, paint: Paint, extra: f32, height: f32) -> Layer {
     let mut neck = figure.neck();
-    if let Shape::RoundCone { ra, rb, .. } = &mut neck.shape {
-        *ra += 0.006;
-        *rb += 0.002;
-    }
+    neck.grow(0.004);
     let mut layer = Layer::new(paint, extra, vec![neck]);
     layer.trim(move |p| (p.y - 1.452 - height) + 0.42 * p.z);
     layer.trim(|p| 1.42 - p.y);
     // The points fall apart below the chin.
-    layer.trim(move |p| (0.55 * (p.y - 1.432) - p.x.abs()).min(p.z - 0.01) * 0.8);
+    layer.trim(move |p| (0.55 * (p.y - 1.450) - p.x.abs()).min(p.z - 0.01) * 0.8);
     layer
 }
 
@@ -225,9 +237,9 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
     let trunk = figure.trunk_bind();
     let straight = |extra: f32, low: f32| {
         let rings = [
-            [low - 0.04, 0.168, 0.104, 0.116],
-            [0.96, 0.167, 0.106, 0.112],
-            [1.06, 0.158, 0.108, 0.100],
+            [low - 0.04, 0.180, 0.110, 0.128],
+            [0.96, 0.175, 0.109, 0.121],
+            [1.06, 0.161, 0.108, 0.102],
             [1.16, 0.156, 0.110, 0.098],
             [1.26, 0.158, 0.108, 0.098],
         ];
@@ -238,34 +250,27 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
             let blouse = top == Top::Blouse;
             let sleeve = if blouse { 0.40 } else { 0.165 };
             let mut layer = shell(figure, paint, 0.012, sleeve, 0.012);
-            let hem = if blouse { 0.985 } else { 0.900 };
+            let hem = if blouse { 1.02 } else { 0.900 };
             layer
                 .prims
-                .push(straight(if blouse { -0.002 } else { 0.006 }, hem));
+                .push(straight(if blouse { -0.014 } else { 0.008 }, 0.900));
             if blouse {
                 scoop_neck(&mut layer, 1.440, 0.085);
             } else {
-                crew_neck(&mut layer, 1.462);
+                crew_neck(figure, &mut layer, 0.011, 1.486);
             }
             layer.trim(move |p| hem - p.y);
             if !blouse {
-                let accent = paints.accent;
-                layer.mark(accent, move |p| {
-                    (p.y - 1.30)
-                        .abs()
-                        .max((p.x.abs() - 0.075) * 0.5 + 0.02)
-                        .max(-p.z)
-                        - 0.022
-                });
+                layer.mark(paints.accent, |p| (p.y - 1.235).abs() - 0.030);
             }
             let band = shade(paint, 0.8);
-            layer.mark(band, move |p| (hem + 0.018) - p.y);
+            layer.mark(band, move |p| p.y - (hem + 0.018));
             layer.mark(band, move |p| sleeve - 0.016 - along(p));
             vec![layer]
         }
         Top::Tank => {
-            let mut layer = shell(figure, paint, 0.007, 0.0, 0.0);
-            layer.prims.push(straight(0.0, 0.92));
+            let mut layer = shell(figure, paint, 0.012, 0.0, 0.0);
+            layer.prims.push(straight(0.011, 0.92));
             scoop_neck(&mut layer, 1.430, 0.07);
             let x = figure.arm(1.0, 0.0).x - 0.035;
             layer.trim(move |p| 0.92 - p.y);
@@ -283,15 +288,15 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
             let mut layer = shell(figure, paint, 0.013, 0.525, 0.010);
             layer.prims.push(straight(0.004, 0.90));
             layer.trim(|p| 0.905 - p.y);
-            crew_neck(&mut layer, 1.478);
+            crew_neck(figure, &mut layer, 0.010, 1.488);
             buttoned(&mut layer, paint, 0.90, 1.44);
             layer.mark(shade(paint, 0.85), move |p| 0.480 - along(p));
-            vec![layer, collar(figure, shade(paint, 0.93), 0.012, 0.044)]
+            vec![layer, collar(figure, shade(paint, 0.93), 0.013, 0.060)]
         }
         Top::Vest => {
             let mut shirt = shell(figure, paints.accent, 0.010, 0.525, 0.010);
             shirt.trim(|p| 0.95 - p.y);
-            crew_neck(&mut shirt, 1.478);
+            crew_neck(figure, &mut shirt, 0.008, 1.488);
             let mut vest = shell(figure, paint, 0.024, 0.0, 0.0);
             vest.prims.push(straight(0.016, 0.90));
             vest.trim(|p| 0.905 - p.y);
@@ -305,7 +310,7 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
                 let v = 0.030 + 0.42 * (p.y - 1.33);
                 (v - p.x.abs()).min(p.y - 1.27).min(p.z) * 0.8
             });
-            crew_neck(&mut vest, 1.465);
+            crew_neck(figure, &mut vest, 0.012, 1.472);
             let band = Paint {
                 tint: [1.0; 3],
                 material: paints.tie.unwrap_or(paints.accent).material,
@@ -318,7 +323,7 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
             vest.mark(shade(paint, 0.45), |p| {
                 (p.x.abs() - 0.005).max(-p.z).max(p.y - 1.28)
             });
-            let collar = collar(figure, shade(paints.accent, 0.9), 0.012, 0.042);
+            let collar = collar(figure, shade(paints.accent, 0.9), 0.013, 0.058);
             vec![shirt, vest, collar]
         }
         Top::Hoodie => {
@@ -415,7 +420,7 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
                 .prims
                 .push(drape(figure, &skirt_bind(figure), 0.020, &rings));
             layer.trim(|p| 0.575 - p.y);
-            crew_neck(&mut layer, 1.470);
+            crew_neck(figure, &mut layer, 0.018, 1.478);
             let dark = shade(paint, 0.62);
             // The overlap runs left of the middle, with two buttons a row.
             layer.mark(dark, |p| {
@@ -434,16 +439,14 @@ fn top(figure: &Figure, top: Top, paints: &Paints) -> Vec<Layer> {
             });
             let mut out = vec![layer, collar(figure, shade(paint, 0.8), 0.026, 0.046)];
             if let Some(scarf) = paints.tie {
-                let mut wrap = collar(figure, scarf, 0.020, 0.060);
-                let z = 0.128 * (0.3 + 0.7 * figure.body.girth) + 0.01;
-                wrap.prims.push(cone(
-                    Vec3::new(0.030, 1.420, z - 0.035),
-                    Vec3::new(0.036, 1.230, z + 0.012),
-                    0.024,
-                    0.030,
+                let mut wrap = collar(figure, scarf, 0.024, 0.064);
+                wrap.prims.push(ellipsoid(
+                    Vec3::new(0.0, 1.450, 0.045),
+                    Vec3::new(0.042, 0.026, 0.026),
                     0.02,
                     &trunk,
                 ));
+                wrap.trims.pop();
                 wrap.mark(shade(scarf, 0.7), |p| (p.y * 40.0).sin() * 0.01 - 0.004);
                 out.push(wrap);
             }
@@ -467,7 +470,7 @@ fn suit(figure: &Figure, paints: &Paints) -> Vec<Layer> {
     let along = along_arm(figure);
     let mut shirt = shell(figure, paints.accent, 0.009, 0.545, 0.004);
     shirt.trim(|p| 0.98 - p.y);
-    crew_neck(&mut shirt, 1.478);
+    crew_neck(figure, &mut shirt, 0.008, 1.488);
     let mut jacket = shell(figure, paint, 0.020, 0.522, 0.008);
     let rings = [
         [0.78, 0.188, 0.122, 0.136],
@@ -499,7 +502,7 @@ fn suit(figure: &Figure, paints: &Paints) -> Vec<Layer> {
         }
     };
     jacket.trim(move |p| (opening(p) - p.x.abs()).min(p.z + 0.005) * 0.9);
-    crew_neck(&mut jacket, 1.474);
+    crew_neck(figure, &mut jacket, 0.014, 1.482);
     // Lapels widen towards the chest and end in a notch.
     jacket.mark(shade(paint, 0.66), move |p| {
         let across = p.x.abs() - opening(p);
@@ -520,7 +523,7 @@ fn suit(figure: &Figure, paints: &Paints) -> Vec<Layer> {
         (p.x.abs() - 0.004).max(p.z).max(p.y - 1.02)
     });
     jacket.mark(shade(paint, 0.75), move |p| 0.508 - along(p));
-    let mut out = vec![collar(figure, paints.accent, 0.012, 0.046)];
+    let mut out = vec![collar(figure, paints.accent, 0.013, 0.062)];
     if let Some(tie) = paints.tie {
         shirt.mark(tie, |p| {
             let width = 0.014 + 0.075 * (1.42 - p.y).clamp(0.0, 0.3);
@@ -549,11 +552,17 @@ fn shoes(figure: &Figure, shoes: Shoes, paints: &Paints) -> Vec<Layer> {
         // Heel to toe along z, toes a little outwards; the top is the loft's front.
         let along = Vec3::new(side * 0.07, 0.0, 1.0).normalize();
         let origin = Vec3::new(ball.x - side * 0.008, 0.036, 0.0);
+        let thick = match shoes {
+            Shoes::Leather => 0.016,
+            Shoes::Sneakers => 0.025,
+            Shoes::Boots => 0.023,
+            Shoes::Flats => 0.008,
+        };
         let tall = match shoes {
             Shoes::Leather => 1.0,
             Shoes::Sneakers => 1.12,
             Shoes::Boots => 1.18,
-            Shoes::Flats => 0.72,
+            Shoes::Flats => 0.95,
         };
         let wide = match shoes {
             Shoes::Leather => 1.0,
@@ -583,9 +592,9 @@ fn shoes(figure: &Figure, shoes: Shoes, paints: &Paints) -> Vec<Layer> {
             0.02,
             &bind,
         ));
-        let clip = move |p: Vec3| p.y - 0.022;
+        let clip = move |p: Vec3| p.y - thick;
         soles
-            .push(loft(origin, along, Vec3::Y, rings(0.005, 0.060), 2.6, 0.0, &bind).clipped(clip));
+            .push(loft(origin, along, Vec3::Y, rings(0.004, 0.060), 2.6, 0.0, &bind).clipped(clip));
         if shoes == Shoes::Boots {
             let shaft = figure.leg_prim(side, 0.014, 0.004);
             uppers.push(shaft.clipped(|p| p.y - 0.20));
@@ -617,7 +626,7 @@ fn shoes(figure: &Figure, shoes: Shoes, paints: &Paints) -> Vec<Layer> {
         }
         Shoes::Flats => {
             // Cut low over the instep.
-            upper.trim(|p| p.y - 0.060);
+            upper.trim(|p| (p.y - 0.040).min(0.075 + (p.y - 0.04) - p.z));
         }
     }
     let mut sole = Layer::new(paints.soles, 0.0, soles);

@@ -33,12 +33,12 @@ pub enum Shape {
         radii: Vec3,
         local_from_model: Mat3,
     },
-    /// Superelliptic cross-sections along the local y axis, rounded ends.
+    /// Rounded cross-sections along the local y axis, rounded ends. Squareness is 0 for ellipses and 1 for rectangles.
     Loft {
         origin: Vec3,
         local_from_model: Mat3,
         rings: Vec<Ring>,
-        power: f32,
+        squareness: f32,
     },
     /// An elliptic ring in the local xz plane with a cross-section of `minor` by `height`.
     Torus {
@@ -88,6 +88,15 @@ impl Prim {
             clip: None,
             center,
             radius,
+        }
+    }
+
+    /// Makes a round cone thicker by `extra`; other shapes stay as they are.
+    pub fn grow(&mut self, extra: f32) {
+        if let Shape::RoundCone { ra, rb, .. } = &mut self.shape {
+            *ra += extra;
+            *rb += extra;
+            self.radius += extra;
         }
     }
 
@@ -167,6 +176,12 @@ impl Layer {
 
     /// Signed distance to the layer over the primitives in `active` (all: `None`).
     pub fn distance(&self, p: Vec3, active: Option<&[u16]>) -> f32 {
+        let solid = self.solid(p, active);
+        self.trims.iter().fold(solid, |d, trim| d.max(trim(p)))
+    }
+
+    /// The same before trimming.
+    fn solid(&self, p: Vec3, active: Option<&[u16]>) -> f32 {
         let mut d = f32::MAX;
         match active {
             Some(list) => {
@@ -180,15 +195,52 @@ impl Layer {
                 }
             }
         }
-        d -= self.offset;
-        for trim in &self.trims {
-            d = d.max(trim(p));
-        }
-        d
+        d - self.offset
     }
 
-    pub fn normal(&self, p: Vec3) -> Vec3 {
-        gradient(|q| self.distance(q, None), p).normalize_or(Vec3::Y)
+    /// The trim that makes the surface at `p`, counted from 1; 0: the solid itself does.
+    pub fn cutting_trim(&self, p: Vec3, active: Option<&[u16]>) -> usize {
+        let mut best = (self.solid(p, active), 0);
+        for (i, trim) in self.trims.iter().enumerate() {
+            let d = trim(p);
+            if d > best.0 {
+                best = (d, i + 1);
+            }
+        }
+        best.1
+    }
+
+    /// Signed distance to the solid (0) or to one trim alone.
+    pub fn face_distance(&self, p: Vec3, active: Option<&[u16]>, trim: usize) -> f32 {
+        match trim {
+            0 => self.solid(p, active),
+            _ => self.trims[trim - 1](p),
+        }
+    }
+
+    /// Adds the joint weights at `p` to `out` in full measure, shared among the primitives that make the surface there:
+    /// those `falloff` farther than the nearest have a share of 1/e.
+    pub fn bind(&self, p: Vec3, falloff: f32, out: &mut [f32]) {
+        let far = 5.0 * falloff;
+        let mut near: Vec<(f32, &Prim)> = Vec::with_capacity(8);
+        let mut least = f32::MAX;
+        for prim in self.prims.iter().filter(|x| x.op == Op::Union) {
+            if prim.below(p) < least + far {
+                let d = prim.distance(p);
+                least = least.min(d);
+                near.push((d, prim));
+            }
+        }
+        for (d, prim) in near.into_iter().filter(|n| n.0 < least + far) {
+            (prim.bind)(p, (-(d - least) / falloff).exp(), out);
+        }
+        let sum: f32 = out.iter().sum();
+        out.iter_mut().for_each(|w| *w /= sum);
+    }
+
+    /// Normal of the solid (0) or of one trim alone.
+    pub fn normal(&self, p: Vec3, trim: usize) -> Vec3 {
+        gradient(|q| self.face_distance(q, None, trim), p).normalize_or(Vec3::Y)
     }
 }
 
@@ -253,8 +305,8 @@ impl Shape {
                 origin,
                 local_from_model,
                 rings,
-                power,
-            } => loft(*local_from_model * (p - *origin), rings, *power),
+                squareness,
+            } => loft(*local_from_model * (p - *origin), rings, *squareness),
             Self::Torus {
                 center,
                 local_from_model,
@@ -264,8 +316,10 @@ impl Shape {
                 height,
             } => {
                 let q = *local_from_model * (p - *center);
-                let around = (q.x / radius_x).hypot(q.z / radius_z).max(1e-6);
-                let radius = q.x.hypot(q.z);
+                let around = ((q.x / radius_x).powi(2) + (q.z / radius_z).powi(2))
+                    .sqrt()
+                    .max(1e-6);
+                let radius = (q.x * q.x + q.z * q.z).sqrt();
                 let out = radius - radius / around;
                 ellipsoid(Vec3::new(out, q.y, 0.0), Vec3::new(*minor, *height, *minor))
             }
@@ -323,7 +377,7 @@ fn cap_radius(r: &Ring) -> f32 {
     0.7 * r.half_width.min((r.front + r.back) * 0.5)
 }
 
-fn loft(q: Vec3, rings: &[Ring], power: f32) -> f32 {
+fn loft(q: Vec3, rings: &[Ring], squareness: f32) -> f32 {
     let last = rings.len() - 1;
     let (low, high) = (rings[0].at, rings[last].at);
     let y = q.y.clamp(low, high);
@@ -337,11 +391,13 @@ fn loft(q: Vec3, rings: &[Ring], power: f32) -> f32 {
     } else {
         &rings[last]
     };
-    let u = (q.x.abs() / half_width).powf(power) + (q.z.abs() / depth).powf(power);
-    let side = u.powf(1.0 / power);
+    // A squircle: x^2 + z^2 - squareness x^2 z^2 = 1, scaled.
+    let (x, z) = ((q.x / half_width).powi(2), (q.z / depth).powi(2));
+    let sum = x + z;
+    let side_squared = 0.5 * (sum + (sum * sum - 4.0 * squareness * x * z).max(0.0).sqrt());
     let e = excess / cap_radius(end);
-    let k = (side * side + e * e).sqrt();
-    let length = q.x.hypot(q.z).hypot(excess);
+    let k = (side_squared + e * e).sqrt();
+    let length = (q.x * q.x + q.z * q.z + excess * excess).sqrt();
     if k < 1e-5 {
         return -half_width.min(depth);
     }

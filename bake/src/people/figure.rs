@@ -317,6 +317,14 @@ impl Figure {
         apart(prim, side, 0.80)
     }
 
+    /// One bare foot, for low shoes.
+    pub fn foot(&self, side: f32) -> Prim {
+        let (ankle, ball) = (self.leg(side, 2), self.leg(side, 3));
+        let bind = self.foot_bind(side);
+        let heel = ankle + Vec3::new(0.0, -0.040, -0.016);
+        cone(heel, ball + Vec3::Y * 0.012, 0.038, 0.025, 0.03, &bind)
+    }
+
     /// One hand: palm, four fingers and a thumb.
     pub fn hand(&self, side: f32) -> Vec<Prim> {
         let d = self.arm_direction(side);
@@ -430,6 +438,7 @@ pub fn tilted(center: Vec3, radii: Vec3, local_from_model: Mat3, blend: f32, bin
     Prim::new(shape, blend, bind)
 }
 
+/// A loft whose cross-sections are near superellipses of `power`.
 pub fn loft(
     origin: Vec3,
     along: Vec3,
@@ -439,11 +448,13 @@ pub fn loft(
     blend: f32,
     bind: &Bind,
 ) -> Prim {
+    // The squircle that passes through the superellipse's corners.
+    let corner = 2f32.powf(2.0 / power) - 1.0;
     let shape = Shape::Loft {
         origin,
         local_from_model: frame(along, front),
         rings,
-        power,
+        squareness: 1.0 - corner * corner,
     };
     Prim::new(shape, blend, bind)
 }

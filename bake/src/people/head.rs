@@ -88,6 +88,7 @@ pub fn skull(f: HeadFrame, curves: f32) -> Vec<Prim> {
             0.014,
             0.026,
         ));
+        out.push(f.ellipsoid([side * 0.034, -0.052, 0.046], [0.022, 0.030, 0.026], 0.026));
         // Cheekbone, brow, temple.
         out.push(f.ellipsoid([side * 0.041, -0.022, 0.056], [0.022, 0.018, 0.024], 0.024));
         out.push(f.cone(
@@ -324,6 +325,13 @@ pub fn hair(f: HeadFrame, head: &Head, paint: Paint, skin: &[Prim], curves: f32)
                     0.02,
                 ));
                 prims.push(f.cone(
+                    [side * 0.074, 0.000, -0.022],
+                    [side * 0.076, -0.085, -0.026],
+                    0.022,
+                    0.022,
+                    0.015,
+                ));
+                prims.push(f.cone(
                     [side * 0.079, -0.050, 0.006],
                     [side * 0.074, end + 0.010, -0.010],
                     0.022,
@@ -439,7 +447,7 @@ fn beard(f: HeadFrame, beard: Beard, paint: Paint, skin: &[Prim]) -> Layer {
         let q = f.local(p);
         // Below a line from the sideburns to the moustache, above the throat, around the mouth.
         let cheek = -0.047 + 0.55 * (q.x.abs() - 0.020).max(0.0);
-        let mouth = 0.0118 - Vec2::new(q.x * 0.52, q.y + 0.0655).length();
+        let mouth = 0.0105 - Vec2::new(q.x * 0.42, q.y + 0.0640).length();
         (q.y - cheek.min(-0.005))
             .max(mouth)
             .max(-0.118 - q.y)

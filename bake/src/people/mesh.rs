@@ -7,8 +7,8 @@ use glam::{Vec2, Vec3};
 use meshopt::{SimplifyOptions, VertexDataAdapter};
 use rayon::prelude::*;
 
-use super::field::{Model, Op};
-use super::polygonise::Surface;
+use super::cut::{Face, Surface};
+use super::field::Model;
 use crate::character::{Material, Part};
 
 /// Weight of a unit normal's change against a position's, relative to the whole mesh: it sends triangles to heads and hands.
@@ -23,8 +23,7 @@ const BIND_FALLOFF: f32 = 0.010;
 /// Vertex data on the fine mesh: one wedge per vertex and paint around it.
 struct Wedge {
     vertex: u32,
-    layer: u16,
-    paint: u16,
+    face: Face,
 }
 
 /// Parts of `surface` of about `triangle_budget` triangles, one per material in use.
@@ -49,7 +48,10 @@ pub fn parts(
     let (wedges, triangles) = wedges(surface);
     let normals: Vec<Vec3> = wedges
         .par_iter()
-        .map(|w| model.layers[w.layer as usize].normal(surface.positions[w.vertex as usize]))
+        .map(|w| {
+            model.layers[w.face.layer as usize]
+                .normal(surface.positions[w.vertex as usize], w.face.trim as usize)
+        })
         .collect();
     let bends: Vec<Vec3> = wedges
         .iter()
@@ -68,7 +70,7 @@ pub fn parts(
     let mut parts = Vec::new();
     for (m, material) in materials.iter().enumerate() {
         let of_material = |t: &&[u32; 3]| {
-            let paint = wedges[t[0] as usize].paint as usize;
+            let paint = wedges[t[0] as usize].face.paint as usize;
             surface.paints[paint].material == m
         };
         let own: Vec<[u32; 3]> = kept.iter().filter(of_material).copied().collect();
@@ -100,7 +102,7 @@ pub fn parts(
         for (&w, &open) in order.iter().zip(&shade) {
             let wedge = &wedges[w as usize];
             let p = surface.positions[wedge.vertex as usize];
-            let tint = surface.paints[wedge.paint as usize].tint;
+            let tint = surface.paints[wedge.face.paint as usize].tint;
             // Occluded skin and cloth go dark, never black.
             let light = 0.42 + 0.58 * open;
             part.positions.push(p);
@@ -124,19 +126,9 @@ fn joint_weights(model: &Model, surface: &Surface, joint_count: usize) -> Vec<f3
     let mut out = vec![0f32; surface.positions.len() * joint_count];
     out.par_chunks_mut(joint_count)
         .zip(&surface.positions)
-        .for_each(|(out, &p)| {
-            let layer = &model.layers[model.distance(p, None).1];
-            let solid = layer.prims.iter().filter(|x| x.op == Op::Union);
-            let near: Vec<_> = solid.map(|x| (x.distance(p), x)).collect();
-            let least = near.iter().map(|n| n.0).fold(f32::MAX, f32::min);
-            for (d, prim) in near {
-                let share = (-(d - least) / BIND_FALLOFF).exp();
-                if share > 0.01 {
-                    (prim.bind)(p, share, out);
-                }
-            }
-            let sum: f32 = out.iter().sum();
-            out.iter_mut().for_each(|w| *w /= sum);
+        .zip(&surface.layers)
+        .for_each(|((out, &p), &layer)| {
+            model.layers[layer as usize].bind(p, BIND_FALLOFF, out);
         });
     out
 }
@@ -184,22 +176,18 @@ fn smooth(surface: &Surface, mut weights: Vec<f32>, joint_count: usize) -> Vec<f
     weights
 }
 
-/// A wedge per vertex, paint and layer, and the triangles over wedges.
+/// A wedge per vertex and face, and the triangles over wedges.
 fn wedges(surface: &Surface) -> (Vec<Wedge>, Vec<[u32; 3]>) {
     let mut wedges = Vec::with_capacity(surface.positions.len() * 11 / 10);
-    let mut index: HashMap<(u32, u16, u16), u32> = HashMap::with_capacity(wedges.capacity());
+    let mut index: HashMap<(u32, Face), u32> = HashMap::with_capacity(wedges.capacity());
     let triangles = surface
         .triangles
         .iter()
-        .zip(&surface.triangle_paints)
-        .map(|(t, &(paint, layer))| {
+        .zip(&surface.faces)
+        .map(|(t, &face)| {
             t.map(|vertex| {
-                *index.entry((vertex, paint, layer)).or_insert_with(|| {
-                    wedges.push(Wedge {
-                        vertex,
-                        layer,
-                        paint,
-                    });
+                *index.entry((vertex, face)).or_insert_with(|| {
+                    wedges.push(Wedge { vertex, face });
                     wedges.len() as u32 - 1
                 })
             })

@@ -5,6 +5,7 @@
 //! that a planted foot moves at exactly minus the clip's ground speed.
 
 mod clothes;
+mod cut;
 mod dog;
 mod field;
 mod figure;
@@ -19,7 +20,7 @@ mod polygonise;
 use crate::character::Character;
 
 /// The embedded parameter files by name.
-const BUILT_IN: [(&str, &str); 8] = [
+const BUILT_IN: [(&str, &str); 9] = [
     (
         "man_suit",
         include_str!("../../../assets/characters/man_suit.toml"),
@@ -47,6 +48,10 @@ const BUILT_IN: [(&str, &str); 8] = [
     (
         "woman_blouse",
         include_str!("../../../assets/characters/woman_blouse.toml"),
+    ),
+    (
+        "man_cap",
+        include_str!("../../../assets/characters/man_cap.toml"),
     ),
     ("dog", include_str!("../../../assets/characters/dog.toml")),
 ];

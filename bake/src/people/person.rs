@@ -4,7 +4,7 @@ use glam::{Mat4, Vec3};
 
 use super::field::{Layer, Model, Paint, smoothstep};
 use super::figure::{Figure, JOINT_COUNT, SIDES, STANDARD_HEIGHT};
-use super::params::{Color, Hat, Person, Top};
+use super::params::{Color, Hat, Person, Shoes, Top};
 use super::{clothes, gait, head, mesh, polygonise};
 use crate::character::{Character, Clip, Joint, Material, Node, Part, Transform};
 
@@ -131,6 +131,9 @@ fn model(person: &Person, figure: &Figure, palette: &mut Palette) -> Model {
         body.push(figure.arm_prim(side, 0.0, 0.0));
         body.extend(figure.hand(side));
         body.push(figure.leg_prim(side, 0.0, 0.0));
+        if wear.shoes == Shoes::Flats {
+            body.push(figure.foot(side));
+        }
     }
     // Carving eye sockets must not meet the body: the skull is a layer of its own, joined to the neck inside it.
     let mut face = skull.clone();
