@@ -12,33 +12,35 @@ use glslang::{
 #[path = "hlsl/lint.rs"]
 mod lint;
 
-/// Module name, file, entry point, stage.
-const MODULES: &[(&str, &str, &str, ShaderStage)] = &[
-    (
-        "select_count",
-        "select.hlsl",
-        "CSCount",
-        ShaderStage::Compute,
-    ),
-    ("select_scan", "select.hlsl", "CSScan", ShaderStage::Compute),
-    (
-        "select_scatter",
-        "select.hlsl",
-        "CSScatter",
-        ShaderStage::Compute,
-    ),
-    ("mesh_vs", "mesh.hlsl", "VSMain", ShaderStage::Vertex),
-    ("mesh_ps", "mesh.hlsl", "PSMain", ShaderStage::Fragment),
-    (
-        "mesh_probe",
-        "mesh_probe.hlsl",
-        "CSMain",
-        ShaderStage::Compute,
-    ),
-    ("ground_vs", "ground.hlsl", "VSMain", ShaderStage::Vertex),
-    ("ground_ps", "ground.hlsl", "PSMain", ShaderStage::Fragment),
-    ("sky_vs", "sky.hlsl", "VSMain", ShaderStage::Vertex),
-    ("sky_ps", "sky.hlsl", "PSMain", ShaderStage::Fragment),
+/// Module name, file, entry point, stage, defined names.
+type ModuleRow = (
+    &'static str,
+    &'static str,
+    &'static str,
+    ShaderStage,
+    &'static [&'static str],
+);
+const COMPUTE: ShaderStage = ShaderStage::Compute;
+const VERTEX: ShaderStage = ShaderStage::Vertex;
+const FRAGMENT: ShaderStage = ShaderStage::Fragment;
+#[rustfmt::skip]
+const MODULES: &[ModuleRow] = &[
+    ("select_count", "select.hlsl", "CSCount", COMPUTE, &[]),
+    ("select_scan", "select.hlsl", "CSScan", COMPUTE, &[]),
+    ("select_scatter", "select.hlsl", "CSScatter", COMPUTE, &[]),
+    ("mesh_vs", "mesh.hlsl", "VSMain", VERTEX, &[]),
+    ("mesh_ps", "mesh.hlsl", "PSMain", FRAGMENT, &[]),
+    ("mesh_textured_vs", "mesh.hlsl", "VSMain", VERTEX, &["TEXTURED"]),
+    ("mesh_textured_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["TEXTURED"]),
+    ("mesh_double_vs", "mesh.hlsl", "VSMain", VERTEX, &["DOUBLE_SIDED"]),
+    ("mesh_double_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["DOUBLE_SIDED"]),
+    ("mesh_textured_double_vs", "mesh.hlsl", "VSMain", VERTEX, &["TEXTURED", "DOUBLE_SIDED"]),
+    ("mesh_textured_double_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["TEXTURED", "DOUBLE_SIDED"]),
+    ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[]),
+    ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),
+    ("ground_ps", "ground.hlsl", "PSMain", FRAGMENT, &[]),
+    ("sky_vs", "sky.hlsl", "VSMain", VERTEX, &[]),
+    ("sky_ps", "sky.hlsl", "PSMain", FRAGMENT, &[]),
 ];
 
 /// Hands out the files of hlsl/ to `#include`.
@@ -87,8 +89,8 @@ fn run() -> Result<(), String> {
     let compiler = Compiler::acquire().ok_or("glslang does not start")?;
     let mut code = String::from("// Written by build.rs.\n");
     let mut table = String::new();
-    for &(name, file, entry, stage) in MODULES {
-        let words = compile(compiler, &hlsl, file, entry, stage)?;
+    for &(name, file, entry, stage, defines) in MODULES {
+        let words = compile(compiler, &hlsl, file, entry, stage, defines)?;
         write!(
             code,
             "static {}: [u32; {}] = [",
@@ -126,6 +128,7 @@ fn compile(
     file: &str,
     entry: &str,
     stage: ShaderStage,
+    defines: &[&str],
 ) -> Result<Vec<u32>, String> {
     let options = CompilerOptions {
         source_language: SourceLanguage::HLSL,
@@ -144,9 +147,15 @@ fn compile(
     };
     let source = ShaderSource::from(read(&hlsl.join(file))?);
     let mut includes = Includes(hlsl.to_path_buf());
-    let defines: Option<&[(&str, Option<&str>)]> = None;
-    let input = ShaderInput::new(&source, stage, &options, defines, Some(&mut includes))
-        .map_err(name_files)?;
+    let defines: Vec<(&str, Option<&str>)> = defines.iter().map(|&d| (d, None)).collect();
+    let input = ShaderInput::new(
+        &source,
+        stage,
+        &options,
+        Some(&defines),
+        Some(&mut includes),
+    )
+    .map_err(name_files)?;
     let mut builder = Shader::new(compiler, input);
     builder.source_entry_point(entry);
     builder.entry_point("main");

@@ -92,27 +92,21 @@ struct Selected
     uint bin; // BIN_NONE: draws nothing
     uint rank; // place in the bin's list
     uint live_vertex_count;
-    uint padding;
+    float lod_error; // bind-space units; below 0: full detail
 };
 
-// Everything about a visible agent that all of its vertices share.
-struct Pose
-{
-    float3 position; // world
-    uint tint_seed;
-    float heading_cos; // times scale
-    float heading_sin; // times scale
-    uint influence_count; // 1 to 4
-    uint sample_count; // 1, 2 or 4 frames
-    uint4 sample_entries; // first palette entry of each frame
-    float4 sample_weights; // sum to 1
-};
-
-// An entry of an instance list.
+// An entry of an instance list: everything about an agent that all vertices of a submesh share. The lists are a vertex
+// buffer of instance rate: on lavapipe that is much cheaper to read per vertex than a structured buffer.
 struct Instance
 {
-    uint agent;
+    float3 position; // world
+    float heading_cos; // times scale
+    uint tint_seed;
     uint live_vertex_count;
+    uint packed; // influences, 1 to 4, in bits 0-2; frames, 1, 2 or 4, in bits 3-5; agent from bit 6
+    float heading_sin; // times scale
+    uint4 sample_entries; // first palette entry of each frame
+    float4 sample_weights; // sum to 1
 };
 
 // VkDrawIndexedIndirectCommand.

@@ -5,7 +5,7 @@
 #include "color.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::constant_id(3)]] const bool SRGB_TARGET = false;
+[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
 // Half the quad's side in metres; haze covers its edge.
 static const float HALF_SIDE = 20000.0;

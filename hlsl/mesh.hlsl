@@ -1,24 +1,38 @@
 // mesh: draws one submesh of every visible agent; a sub-draw per band. Twin: src/reference/mesh.rs
-// In: instance lists and poses of the select stage, a character's textures. One vertex shader run does window extraction,
+// In: instance lists of the select stage, a character's textures. Compiled with and without TEXTURED and DOUBLE_SIDED,
+// because lavapipe pays for interpolants that a specialisation constant leaves unused. One vertex shader run does window extraction,
 // collapse, skinning and light; pixels interpolate sRGB-encoded colour, which costs a CPU driver the least.
 
 #include "mesh.hlsli"
 #include "color.hlsli"
 
+#ifdef TEXTURED
 [[vk::binding(4, 1)]] Texture2DArray<float4> albedo_texture; // sRGB-encoded colour, linear alpha
 [[vk::binding(5, 1)]] SamplerState albedo_sampler;
+#endif
 
-[[vk::constant_id(0)]] const bool TEXTURED = false;
-[[vk::constant_id(1)]] const bool DOUBLE_SIDED = false;
-[[vk::constant_id(2)]] const bool ALPHA_TESTED = false;
-[[vk::constant_id(3)]] const bool SRGB_TARGET = false; // the format encodes, so pixels decode
+[[vk::constant_id(0)]] const bool ALPHA_TESTED = false;
+[[vk::constant_id(1)]] const bool SRGB_TARGET = false; // the format encodes, so pixels decode
+
+// One entry of an instance list, as vertex attributes of instance rate.
+struct InstanceAttributes
+{
+    [[vk::location(0)]] float4 position_cos : ATTRIBUTE0;
+    [[vk::location(1)]] uint4 seed_live_packed_sin : ATTRIBUTE1;
+    [[vk::location(2)]] uint4 sample_entries : ATTRIBUTE2;
+    [[vk::location(3)]] float4 sample_weights : ATTRIBUTE3;
+};
 
 struct Interpolants
 {
     float4 position : SV_Position;
     float4 color : COLOR0; // sRGB-encoded lit colour, linear alpha
+#ifdef TEXTURED
     float3 uv_layer : TEXCOORD0;
-    float3 color_back : COLOR1; // lit from the other side; double-sided only
+#endif
+#ifdef DOUBLE_SIDED
+    float3 color_back : COLOR1; // lit from the other side
+#endif
 };
 
 uint Hash(uint x)
@@ -53,54 +67,58 @@ float3 LightOn(float3 normal, float3 to_eye, float openness)
     return frame.sun * sun + (hemisphere + frame.sky * (0.35 * rim * rim)) * openness;
 }
 
-// SV_InstanceID includes firstInstance here; the draw's firstInstance is where its list starts.
-Interpolants VSMain(uint vertex : SV_VertexID, uint instance_index : SV_InstanceID)
+Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 {
-    Instance instance = instances[instance_index];
-    Pose pose = poses[instance.agent];
+    Instance instance;
+    instance.position = attributes.position_cos.xyz;
+    instance.heading_cos = attributes.position_cos.w;
+    instance.tint_seed = attributes.seed_live_packed_sin.x;
+    instance.live_vertex_count = attributes.seed_live_packed_sin.y;
+    instance.packed = attributes.seed_live_packed_sin.z;
+    instance.heading_sin = asfloat(attributes.seed_live_packed_sin.w);
+    instance.sample_entries = attributes.sample_entries;
+    instance.sample_weights = attributes.sample_weights;
     PackedVertex v = LoadVertex(LivingAncestor(vertex, instance.live_vertex_count));
-    Skinned skinned = SkinVertex(v, pose);
+    Skinned skinned = SkinVertex(v, instance);
 
     uint packed = v.tail.x;
     float4 color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
-    color.rgb = TintedColor(LinearFromSrgb(color.rgb), pose.tint_seed, v.head.y >> 24, v.tail.w);
+    color.rgb = TintedColor(LinearFromSrgb(color.rgb), instance.tint_seed, v.head.y >> 24, v.tail.w);
 
     float3 to_eye = frame.eye - skinned.position;
     float distance = length(to_eye);
     to_eye /= max(distance, 1e-6);
-    float openness = 0.5 + 0.5 * saturate((skinned.position.y - pose.position.y) * 1.2);
+    float openness = 0.5 + 0.5 * saturate((skinned.position.y - instance.position.y) * 1.2);
     float haze = HazeShare(distance, frame.haze_per_metre);
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(skinned.position, 1.0));
     float3 front = lerp(color.rgb * LightOn(skinned.normal, to_eye, openness), frame.haze, haze);
     o.color = float4(SrgbFromLinear(front), color.a);
-    o.color_back = 0.0;
-    if (DOUBLE_SIDED)
-    {
-        float3 back = lerp(color.rgb * LightOn(-skinned.normal, to_eye, openness), frame.haze, haze);
-        o.color_back = SrgbFromLinear(back);
-    }
-    o.uv_layer = 0.0;
-    if (TEXTURED)
-    {
-        float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
-        o.uv_layer = float3(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu));
-    }
+#ifdef DOUBLE_SIDED
+    float3 back = lerp(color.rgb * LightOn(-skinned.normal, to_eye, openness), frame.haze, haze);
+    o.color_back = SrgbFromLinear(back);
+#endif
+#ifdef TEXTURED
+    float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
+    o.uv_layer = float3(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu));
+#endif
     return o;
 }
 
+#ifdef DOUBLE_SIDED
 float4 PSMain(Interpolants i, bool front_face : SV_IsFrontFace) : SV_Target
+#else
+float4 PSMain(Interpolants i) : SV_Target
+#endif
 {
     float4 color = i.color;
-    if (DOUBLE_SIDED)
-    {
-        color.rgb = front_face ? color.rgb : i.color_back;
-    }
-    if (TEXTURED)
-    {
-        color *= albedo_texture.Sample(albedo_sampler, i.uv_layer);
-    }
+#ifdef DOUBLE_SIDED
+    color.rgb = front_face ? color.rgb : i.color_back;
+#endif
+#ifdef TEXTURED
+    color *= albedo_texture.Sample(albedo_sampler, i.uv_layer);
+#endif
     if (ALPHA_TESTED)
     {
         if (color.a < draw.alpha_cutoff)

@@ -4,8 +4,6 @@
 #include "gpu_types.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(2, 0)]] StructuredBuffer<Pose> poses;
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
 [[vk::binding(1, 1)]] Texture2D<uint4> vertex_texture; // 2 texels per vertex
 [[vk::binding(2, 1)]] Texture2D<uint2> collapse_texture; // parent, collapse error
@@ -78,24 +76,26 @@ struct Skinned
 };
 
 // Linear blend skinning with the instance's influences and frames, then the agent's place.
-Skinned SkinVertex(PackedVertex v, Pose pose)
+Skinned SkinVertex(PackedVertex v, Instance instance)
 {
+    uint influence_count = instance.packed & 7u;
+    uint sample_count = (instance.packed >> 3) & 7u;
     float4 weights = DecodeWeights(v);
     float4 row0 = 0.0;
     float4 row1 = 0.0;
     float4 row2 = 0.0;
     float sum = 0.0;
-    for (uint j = 0u; j < pose.influence_count; j++)
+    for (uint j = 0u; j < influence_count; j++)
     {
         uint joint = (v.tail.y >> (8u * j)) & 0xffu;
         float weight = j == 0u ? weights.x : j == 1u ? weights.y : j == 2u ? weights.z : weights.w;
         sum += weight;
-        for (uint s = 0u; s < pose.sample_count; s++)
+        for (uint s = 0u; s < sample_count; s++)
         {
-            uint entry = (s == 0u ? pose.sample_entries.x : s == 1u ? pose.sample_entries.y
-                : s == 2u ? pose.sample_entries.z : pose.sample_entries.w) + joint;
-            float share = weight * (s == 0u ? pose.sample_weights.x : s == 1u ? pose.sample_weights.y
-                : s == 2u ? pose.sample_weights.z : pose.sample_weights.w);
+            uint entry = (s == 0u ? instance.sample_entries.x : s == 1u ? instance.sample_entries.y
+                : s == 2u ? instance.sample_entries.z : instance.sample_entries.w) + joint;
+            float share = weight * (s == 0u ? instance.sample_weights.x : s == 1u ? instance.sample_weights.y
+                : s == 2u ? instance.sample_weights.z : instance.sample_weights.w);
             int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
             int y = int(entry / PALETTE_ROW_ENTRIES);
             row0 += share * palette_texture.Load(int3(x, y, 0));
@@ -108,17 +108,17 @@ Skinned SkinVertex(PackedVertex v, Pose pose)
     // Influences that were left out leave their weight to the others.
     float3 model = float3(dot(row0, bind), dot(row1, bind), dot(row2, bind)) / sum;
     float3 n = float3(dot(row0.xyz, normal), dot(row1.xyz, normal), dot(row2.xyz, normal));
-    float scale = sqrt(pose.heading_cos * pose.heading_cos + pose.heading_sin * pose.heading_sin);
+    float scale = sqrt(instance.heading_cos * instance.heading_cos + instance.heading_sin * instance.heading_sin);
 
     Skinned result;
-    result.position = pose.position + float3(
-        pose.heading_cos * model.x + pose.heading_sin * model.z,
+    result.position = instance.position + float3(
+        instance.heading_cos * model.x + instance.heading_sin * model.z,
         scale * model.y,
-        pose.heading_cos * model.z - pose.heading_sin * model.x);
+        instance.heading_cos * model.z - instance.heading_sin * model.x);
     n = float3(
-        pose.heading_cos * n.x + pose.heading_sin * n.z,
+        instance.heading_cos * n.x + instance.heading_sin * n.z,
         scale * n.y,
-        pose.heading_cos * n.z - pose.heading_sin * n.x);
+        instance.heading_cos * n.z - instance.heading_sin * n.x);
     result.normal = n * rsqrt(max(dot(n, n), 1e-24));
     return result;
 }

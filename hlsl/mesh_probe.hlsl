@@ -3,6 +3,7 @@
 
 #include "mesh.hlsli"
 
+[[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
 [[vk::binding(0, 2)]] RWStructuredBuffer<float4> probed; // position, normal; 2 per vertex
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
@@ -13,8 +14,7 @@ void CSMain(uint3 thread : SV_DispatchThreadID)
         return;
     }
     Instance instance = instances[draw.probe_instance];
-    Skinned skinned = SkinVertex(
-        LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count)), poses[instance.agent]);
+    Skinned skinned = SkinVertex(LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count)), instance);
     probed[2u * thread.x] = float4(skinned.position, 1.0);
     probed[2u * thread.x + 1u] = float4(skinned.normal, 0.0);
 }

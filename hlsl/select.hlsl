@@ -1,6 +1,6 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
 // list per (submesh, band). Three passes: count, scan, scatter. Twin: src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: poses[agent_count], instances[], draws[bin_count].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count].
 // The order within a list is not defined.
 
 #include "gpu_types.hlsli"
@@ -14,9 +14,8 @@
 [[vk::binding(6, 0)]] StructuredBuffer<float> collapse_errors;
 [[vk::binding(7, 0)]] RWStructuredBuffer<uint> tally;
 [[vk::binding(8, 0)]] RWStructuredBuffer<Selected> selected;
-[[vk::binding(9, 0)]] RWStructuredBuffer<Pose> poses;
-[[vk::binding(10, 0)]] RWStructuredBuffer<DrawCommand> draws;
-[[vk::binding(11, 0)]] RWStructuredBuffer<Instance> instances;
+[[vk::binding(9, 0)]] RWStructuredBuffer<DrawCommand> draws;
+[[vk::binding(10, 0)]] RWStructuredBuffer<Instance> instances;
 
 // The smallest signed distance that any vertex of a clip may have to a plane is at most this; below 0 it is outside.
 float Support(ClipInfo clip, AgentState agent, float heading_cos, float heading_sin, float4 plane)
@@ -48,17 +47,20 @@ float FramePosition(ClipInfo clip, float phase)
     return (phase - floor(phase)) * float(clip.frame_count - 1u);
 }
 
-Pose MakePose(AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInfo clip1, float heading_cos,
-    float heading_sin, float lod_error)
+// An agent's list entry, but for its live vertices.
+Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error)
 {
-    Pose pose;
-    pose.position = agent.position;
-    pose.tint_seed = agent.tint_seed;
-    pose.heading_cos = heading_cos * agent.scale;
-    pose.heading_sin = heading_sin * agent.scale;
+    ClipInfo clip0 = clips[character.first_clip + agent.clip0];
+    ClipInfo clip1 = clips[character.first_clip + agent.clip1];
+    Instance instance;
+    instance.position = agent.position;
+    instance.tint_seed = agent.tint_seed;
+    instance.heading_cos = cos(agent.heading) * agent.scale;
+    instance.heading_sin = sin(agent.heading) * agent.scale;
+    instance.live_vertex_count = 0u;
 
     float allowed = lod_error * SKINNING_ERROR_SHARE;
-    pose.influence_count = allowed < character.influences3_error ? 4u
+    uint influence_count = allowed < character.influences3_error ? 4u
         : allowed < character.influences2_error ? 3u
         : allowed < character.influences1_error ? 2u : 1u;
 
@@ -99,10 +101,11 @@ Pose MakePose(AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInf
         frames.y = frames.z;
         weights.y = weights.z;
     }
-    pose.sample_count = (nearest ? 1u : 2u) * (both ? 2u : 1u);
-    pose.sample_entries = frames * character.joint_count;
-    pose.sample_weights = weights;
-    return pose;
+    uint sample_count = (nearest ? 1u : 2u) * (both ? 2u : 1u);
+    instance.packed = influence_count | (sample_count << 3) | (index << 6);
+    instance.sample_entries = frames * character.joint_count;
+    instance.sample_weights = weights;
+    return instance;
 }
 
 // Vertices of a submesh that live at an error: those whose collapse error is greater. Errors do not rise.
@@ -178,8 +181,6 @@ void CSCount(uint3 thread : SV_DispatchThreadID, uint local : SV_GroupIndex)
             }
             bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
             float lod_error = full ? -1.0 : frame.error_per_metre * distance / agent.scale;
-            poses[index] = MakePose(agent, character, clip0, clip1, heading_cos, heading_sin, lod_error);
-
             for (uint s = 0u; s < character.submesh_count; s++)
             {
                 SubmeshInfo submesh = submeshes[character.first_submesh + s];
@@ -187,7 +188,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID, uint local : SV_GroupIndex)
                 choice.live_vertex_count = full ? submesh.vertex_count : LiveVertexCount(submesh, lod_error);
                 choice.bin = submesh.first_bin + BandOf(submesh, choice.live_vertex_count);
                 choice.rank = 0u;
-                choice.padding = 0u;
+                choice.lod_error = lod_error;
                 if (choice.live_vertex_count < 3u || bands[choice.bin].index_count == 0u)
                 {
                     choice.bin = BIN_NONE;
@@ -268,14 +269,20 @@ void CSScatter(uint3 thread : SV_DispatchThreadID)
     {
         return;
     }
-    uint submesh_count = characters[agents[index].character].submesh_count;
-    for (uint s = 0u; s < submesh_count; s++)
+    AgentState agent = agents[index];
+    CharacterInfo character = characters[agent.character];
+    bool made = false;
+    Instance instance;
+    for (uint s = 0u; s < character.submesh_count; s++)
     {
         Selected choice = selected[index * frame.submesh_stride + s];
         if (choice.bin != BIN_NONE)
         {
-            Instance instance;
-            instance.agent = index;
+            if (!made)
+            {
+                instance = MakeInstance(index, agent, character, choice.lod_error);
+                made = true;
+            }
             instance.live_vertex_count = choice.live_vertex_count;
             instances[draws[choice.bin].first_instance + choice.rank] = instance;
         }

@@ -4,8 +4,8 @@
 #include "color.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::constant_id(3)]] const bool SRGB_TARGET = false;
-[[vk::constant_id(4)]] const bool REVERSED_DEPTH = true;
+[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
+[[vk::constant_id(2)]] const bool REVERSED_DEPTH = true;
 
 struct Interpolants
 {

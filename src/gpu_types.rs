@@ -130,23 +130,18 @@ shared_structs! {
         bin: u32,
         rank: u32,
         live_vertex_count: u32,
-        padding: u32,
+        lod_error: f32,
     }
-    /// Everything about a visible agent that all of its vertices share.
-    struct Pose {
+    /// An entry of an instance list: everything about an agent that all vertices of a submesh share.
+    struct Instance {
         position: [f32; 3],
-        tint_seed: u32,
         heading_cos: f32,
+        tint_seed: u32,
+        live_vertex_count: u32,
+        packed: u32,
         heading_sin: f32,
-        influence_count: u32,
-        sample_count: u32,
         sample_entries: [u32; 4],
         sample_weights: [f32; 4],
-    }
-    /// An entry of an instance list.
-    struct Instance {
-        agent: u32,
-        live_vertex_count: u32,
     }
     /// `VkDrawIndexedIndirectCommand`.
     struct DrawCommand {
@@ -193,5 +188,27 @@ shared_structs! {
         alpha_cutoff: f32,
         probe_vertex_count: u32,
         probe_instance: u32,
+    }
+}
+
+impl Instance {
+    /// `packed` from its parts.
+    pub fn pack(influence_count: u32, sample_count: u32, agent: u32) -> u32 {
+        influence_count | (sample_count << 3) | (agent << 6)
+    }
+
+    /// Influences per vertex, 1 to 4.
+    pub fn influence_count(&self) -> u32 {
+        self.packed & 7
+    }
+
+    /// Frames, 1, 2 or 4.
+    pub fn sample_count(&self) -> u32 {
+        (self.packed >> 3) & 7
+    }
+
+    /// Place in the crowd.
+    pub fn agent(&self) -> u32 {
+        self.packed >> 6
     }
 }

@@ -17,13 +17,13 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
     let layout = pipelines.draw_layout;
-    let set = if cpu.is_some() {
-        slot.cpu_draw_set
-    } else {
-        slot.draw_set
+    let instances = match (cpu, &slot.cpu_instances) {
+        (Some(_), Some(lists)) => lists,
+        _ => &buffers.instances,
     };
+    c.bind_instances(instances);
+    c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
     let mut bound = None;
-    let mut set_bound = false;
     for (resident, &agent_count) in drawing.residents.iter().zip(&slot.agent_counts) {
         if agent_count == 0 {
             continue;
@@ -33,10 +33,6 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
             if bound != Some(variant) {
                 c.bind_pipeline(GRAPHICS, pipelines.mesh(variant));
                 bound = Some(variant);
-            }
-            if !set_bound {
-                c.bind_set(GRAPHICS, layout, 0, set);
-                set_bound = true;
             }
             if i == 0 {
                 c.bind_set(GRAPHICS, layout, 1, resident.set);

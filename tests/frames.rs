@@ -149,8 +149,8 @@ fn counts_hold_for_crowds_of_any_size() {
                 assert_eq!(d.first_instance, end);
                 end += d.instance_count;
                 let list = &lists.instances[d.first_instance as usize..end as usize];
-                assert!(list.windows(2).all(|w| w[0].agent < w[1].agent));
-                assert!(list.iter().all(|i| (i.agent as usize) < count));
+                assert!(list.windows(2).all(|w| w[0].agent() < w[1].agent()));
+                assert!(list.iter().all(|i| (i.agent() as usize) < count));
             }
             let triangles: u64 = lists
                 .draws

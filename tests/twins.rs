@@ -5,7 +5,7 @@ mod common;
 use common::{assert_silent, baked_mascot, crowd, headless, options, view};
 use throng::bake::baked::Baked;
 use throng::gpu::Headless;
-use throng::gpu_types::{AgentState, Pose};
+use throng::gpu_types::{AgentState, Instance};
 use throng::prepare::Tables;
 use throng::reference::mesh::{Skinned, mesh};
 use throng::reference::select::{Selection, select};
@@ -49,7 +49,7 @@ fn difference(gpu: &Selection, cpu: &Selection, slack: usize) -> Option<String> 
         let mut all: Vec<(u32, u32, u32)> = Vec::new();
         for (bin, d) in (0..).zip(&s.draws) {
             for i in &s.instances[d.first_instance as usize..][..d.instance_count as usize] {
-                all.push((i.agent, bin, i.live_vertex_count));
+                all.push((i.agent(), bin, i.live_vertex_count));
             }
         }
         all.sort_unstable();
@@ -66,25 +66,31 @@ fn difference(gpu: &Selection, cpu: &Selection, slack: usize) -> Option<String> 
             return Some(format!("{g:?} against {c:?}"));
         }
     }
-    let visible: std::collections::BTreeSet<u32> = b.iter().map(|e| e.0).collect();
-    for &agent in &visible {
-        let (g, c) = (&gpu.poses[agent as usize], &cpu.poses[agent as usize]);
-        if !alike(g, c) {
-            off += 1;
+    let by_agent = |s: &Selection| {
+        let mut all = std::collections::BTreeMap::new();
+        for (bin, d) in s.draws.iter().enumerate() {
+            for i in &s.instances[d.first_instance as usize..][..d.instance_count as usize] {
+                all.insert((i.agent(), bin), *i);
+            }
         }
-    }
-    (off > slack).then(|| format!("{off} entries or poses differ"))
+        all
+    };
+    let (g, c) = (by_agent(gpu), by_agent(cpu));
+    off += c
+        .iter()
+        .filter(|(key, c)| g.get(key).is_none_or(|g| !alike(g, c)))
+        .count();
+    (off > slack).then(|| format!("{off} entries differ"))
 }
 
-fn alike(g: &Pose, c: &Pose) -> bool {
-    let n = c.sample_count as usize;
+fn alike(g: &Instance, c: &Instance) -> bool {
+    let n = c.sample_count() as usize;
     let near = |a: f32, b: f32| (a - b).abs() < 1e-4;
     g.position == c.position
         && g.tint_seed == c.tint_seed
         && near(g.heading_cos, c.heading_cos)
         && near(g.heading_sin, c.heading_sin)
-        && g.influence_count == c.influence_count
-        && g.sample_count == c.sample_count
+        && g.packed == c.packed
         && g.sample_entries[..n] == c.sample_entries[..n]
         && (0..n).all(|i| near(g.sample_weights[i], c.sample_weights[i]))
 }
@@ -146,7 +152,9 @@ fn a_corrupted_selection_is_found() {
         assert!(difference(&bad, &good, 0).is_some());
     };
     corrupt(&|s| s.visible += 1);
-    corrupt(&|s| s.instances[0].agent ^= 1);
+    corrupt(&|s| s.instances[0].packed ^= 1 << 6);
+    corrupt(&|s| s.instances[0].packed ^= 1);
+    corrupt(&|s| s.instances[0].position[1] += 0.1);
     corrupt(&|s| s.instances[0].live_vertex_count += 1);
     corrupt(&|s| s.draws[0].first_index += 3);
     corrupt(&|s| {
@@ -157,14 +165,8 @@ fn a_corrupted_selection_is_found() {
             .expect("one is drawn");
         drawn.instance_count -= 1;
     });
-    corrupt(&|s| {
-        let agent = s.instances[0].agent as usize;
-        s.poses[agent].sample_weights[0] += 0.01;
-    });
-    corrupt(&|s| {
-        let agent = s.instances[0].agent as usize;
-        s.poses[agent].sample_entries[0] += 1;
-    });
+    corrupt(&|s| s.instances[0].sample_weights[0] += 0.01);
+    corrupt(&|s| s.instances[0].sample_entries[0] += 1);
 }
 
 /// The largest difference of positions and of normals.
@@ -200,9 +202,8 @@ fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixe
                 continue;
             }
             let instance = lists.instances[draw.first_instance as usize];
-            let pose = &lists.poses[instance.agent as usize];
-            influences.insert((pose.influence_count, pose.sample_count));
-            let cpu = mesh(baked, s, pose, instance.live_vertex_count);
+            influences.insert((instance.influence_count(), instance.sample_count()));
+            let cpu = mesh(baked, s, &instance);
             // The probe reads the lists in the GPU's order, so it may draw another agent of the same band: find it.
             let gpu = headless
                 .probe_mesh(character, s, draw.first_instance)
@@ -211,10 +212,7 @@ fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixe
                 [..draw.instance_count as usize]
                 .iter();
             let best = candidates
-                .map(|i| {
-                    let pose = &lists.poses[i.agent as usize];
-                    differences(&gpu, &mesh(baked, s, pose, i.live_vertex_count))
-                })
+                .map(|i| differences(&gpu, &mesh(baked, s, i)))
                 .min_by(|a, b| a.0.total_cmp(&b.0))
                 .expect("the list is not empty");
             assert!(

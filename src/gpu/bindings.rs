@@ -28,13 +28,13 @@ impl Kind {
 
 use Kind::{Image, Sampler, Storage, Uniform};
 
-/// Frame constants, agents, five tables, tally, selected, poses, draws, instances.
+/// Frame constants, agents, five tables, tally, selected, draws, instances.
 pub const SELECT: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage, Storage,
+    Storage,
 ];
-/// Frame constants, instances, poses.
-pub const DRAW: &[Kind] = &[Uniform, Storage, Storage];
+/// Frame constants; instances, for the probe.
+pub const DRAW: &[Kind] = &[Uniform, Storage];
 /// Character constants, vertices, collapse, palette, texture array and its sampler.
 pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
 /// The probe's output.

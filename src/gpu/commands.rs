@@ -11,7 +11,7 @@ pub(crate) enum Access {
     TransferWrite,
     TransferRead,
     ComputeReadWrite,
-    /// Indirect arguments, indices, and what shaders of draws read.
+    /// Indirect arguments and instance lists.
     DrawRead,
     /// Everything that reads an upload.
     AnyRead,
@@ -29,8 +29,8 @@ impl Access {
                 A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
             ),
             Self::DrawRead => (
-                S::DRAW_INDIRECT | S::VERTEX_SHADER,
-                A::INDIRECT_COMMAND_READ | A::SHADER_STORAGE_READ,
+                S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT,
+                A::INDIRECT_COMMAND_READ | A::VERTEX_ATTRIBUTE_READ,
             ),
             Self::AnyRead => (
                 S::DRAW_INDIRECT
@@ -236,6 +236,15 @@ impl<'a> Commands<'a> {
                 .cmd_set_viewport(self.cmd, 0, &[viewport]);
             self.context.device.cmd_set_scissor(self.cmd, 0, &[scissor]);
         }
+    }
+
+    /// Binds an instance list as vertex buffer 0.
+    pub fn bind_instances(&mut self, buffer: &Buffer) {
+        unsafe {
+            self.context
+                .device
+                .cmd_bind_vertex_buffers(self.cmd, 0, &[buffer.handle], &[0])
+        };
     }
 
     pub fn bind_indices(&mut self, buffer: &Buffer) {

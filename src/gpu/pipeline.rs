@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::ffi::CStr;
+use std::mem::offset_of;
 
 use ash::vk;
 
@@ -10,7 +11,7 @@ use super::context::Context;
 use super::renderer::RendererDesc;
 use super::shaders::{MODULES, Module};
 use crate::error::RenderError;
-use crate::gpu_types::DrawConstants;
+use crate::gpu_types::{DrawConstants, Instance};
 
 /// Entry point of every module.
 const MAIN: &CStr = c"main";
@@ -24,11 +25,9 @@ pub(crate) struct MeshVariant {
 }
 
 /// Specialisation constants by id, as hlsl/ numbers them.
-const TEXTURED: u32 = 0;
-const DOUBLE_SIDED: u32 = 1;
-const ALPHA_TESTED: u32 = 2;
-const SRGB_TARGET: u32 = 3;
-const REVERSED_DEPTH: u32 = 4;
+const ALPHA_TESTED: u32 = 0;
+const SRGB_TARGET: u32 = 1;
+const REVERSED_DEPTH: u32 = 2;
 
 /// Stages that see a draw's push constants.
 pub(crate) const DRAW_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -74,6 +73,8 @@ impl Formats {
 struct DrawState<'a> {
     name: &'a str,
     modules: [&'a str; 2],
+    /// Reads an instance list as vertex attributes.
+    instanced: bool,
     constants: &'a [(u32, bool)],
     cull: vk::CullModeFlags,
     topology: vk::PrimitiveTopology,
@@ -130,6 +131,7 @@ impl Pipelines {
             &DrawState {
                 name: "ground",
                 modules: ["ground_vs", "ground_ps"],
+                instanced: false,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
@@ -141,6 +143,7 @@ impl Pipelines {
             &DrawState {
                 name: "sky",
                 modules: ["sky_vs", "sky_ps"],
+                instanced: false,
                 constants: &[srgb, (REVERSED_DEPTH, self.formats.reversed_depth)],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
@@ -183,10 +186,14 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: &name,
-                modules: ["mesh_vs", "mesh_ps"],
+                modules: match (variant.textured, variant.double_sided) {
+                    (false, false) => ["mesh_vs", "mesh_ps"],
+                    (true, false) => ["mesh_textured_vs", "mesh_textured_ps"],
+                    (false, true) => ["mesh_double_vs", "mesh_double_ps"],
+                    (true, true) => ["mesh_textured_double_vs", "mesh_textured_double_ps"],
+                },
+                instanced: true,
                 constants: &[
-                    (TEXTURED, variant.textured),
-                    (DOUBLE_SIDED, variant.double_sided),
                     (ALPHA_TESTED, variant.alpha_tested),
                     (SRGB_TARGET, self.formats.srgb()),
                 ],
@@ -247,7 +254,18 @@ impl Pipelines {
         state: &DrawState,
         stages: &[vk::PipelineShaderStageCreateInfo],
     ) -> Result<vk::Pipeline, RenderError> {
-        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        let bindings = [vk::VertexInputBindingDescription {
+            binding: 0,
+            stride: size_of::<Instance>() as u32,
+            input_rate: vk::VertexInputRate::INSTANCE,
+        }];
+        let attributes = instance_attributes();
+        let mut vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        if state.instanced {
+            vertex_input = vertex_input
+                .vertex_binding_descriptions(&bindings)
+                .vertex_attribute_descriptions(&attributes);
+        }
         let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(state.topology);
         let viewport = vk::PipelineViewportStateCreateInfo::default()
             .viewport_count(1)
@@ -335,6 +353,30 @@ impl Pipelines {
         }
         *self = Self::default();
     }
+}
+
+/// The four attributes of hlsl/mesh.hlsl's `InstanceAttributes`: 16 bytes each.
+fn instance_attributes() -> [vk::VertexInputAttributeDescription; 4] {
+    use vk::Format as F;
+    [
+        (offset_of!(Instance, position), F::R32G32B32A32_SFLOAT),
+        (offset_of!(Instance, tint_seed), F::R32G32B32A32_UINT),
+        (offset_of!(Instance, sample_entries), F::R32G32B32A32_UINT),
+        (offset_of!(Instance, sample_weights), F::R32G32B32A32_SFLOAT),
+    ]
+    .iter()
+    .zip(0..)
+    .map(
+        |(&(offset, format), location)| vk::VertexInputAttributeDescription {
+            location,
+            binding: 0,
+            format,
+            offset: offset as u32,
+        },
+    )
+    .collect::<Vec<_>>()
+    .try_into()
+    .unwrap_or_default()
 }
 
 fn stage<'a>(

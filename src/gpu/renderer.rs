@@ -272,13 +272,7 @@ impl Renderer {
                 reason: "update_tables makes the tables",
             });
         };
-        let shape = Shape {
-            agents: agents.len().max(1) as u32,
-            submesh_stride: self.tables.submesh_stride(),
-            bins: self.tables.bands.len().max(1) as u32,
-        };
         let slot = &mut self.slots[frame];
-        slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;
         slot.agent_counts.clear();
         slot.agent_counts.resize(self.residents.len(), 0);
         slot.agents.clear();
@@ -288,6 +282,19 @@ impl Renderer {
             slot.agent_counts[state.character as usize] += 1;
             slot.agents.push(state);
         }
+        let entries: u64 = slot
+            .agent_counts
+            .iter()
+            .zip(&self.tables.characters)
+            .map(|(&count, c)| count as u64 * c.submesh_count as u64)
+            .sum();
+        let shape = Shape {
+            agents: agents.len().max(1) as u32,
+            entries: entries.clamp(1, u32::MAX as u64) as u32,
+            submesh_stride: self.tables.submesh_stride(),
+            bins: self.tables.bands.len().max(1) as u32,
+        };
+        slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;
         if let Some(buffers) = &mut slot.buffers {
             buffers.agents.write(0, &slot.agents);
         }
@@ -500,10 +507,10 @@ fn stamp(c: &mut Commands, slot: &Slot, stamp: Stamp) {
 fn copy_lists(c: &mut Commands, slot: &Slot, b: &super::slot::SlotBuffers, keep_lists: bool) {
     let bytes = list_bytes(slot.shape);
     let mut offset = 0;
-    for (from, size) in [&b.tally, &b.draws, &b.instances, &b.poses]
+    for (from, size) in [&b.tally, &b.draws, &b.instances]
         .into_iter()
         .zip(bytes)
-        .take(if keep_lists { 4 } else { 1 })
+        .take(if keep_lists { 3 } else { 1 })
     {
         let size = size.min(from.size_bytes);
         let region = vk::BufferCopy {

@@ -7,7 +7,7 @@ use super::slot::{Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
-    DrawCommand, Instance, Pose, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
+    DrawCommand, Instance, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
     TALLY_VISIBLE,
 };
 use crate::reference::select::Selection;
@@ -84,10 +84,10 @@ impl Renderer {
             return Some(selection.clone());
         }
         let buffers = slot.buffers.as_ref().filter(|_| self.keep_lists)?;
-        let [tally_bytes, draw_bytes, instance_bytes, pose_bytes] = list_bytes(slot.shape);
+        let [tally_bytes, draw_bytes, instance_bytes] = list_bytes(slot.shape);
         let all: Vec<u8> = buffers
             .readback
-            .read((tally_bytes + draw_bytes + instance_bytes + pose_bytes) as usize);
+            .read((tally_bytes + draw_bytes + instance_bytes) as usize);
         let bins = recorded.bins;
         let tally: Vec<u32> = bytemuck::pod_collect_to_vec(&all[..4 * (TALLY_BINS + bins)]);
         let rest = &all[tally_bytes as usize..];
@@ -97,18 +97,14 @@ impl Renderer {
         let instance_count: u64 = draws.iter().map(|d| d.instance_count as u64).sum();
         let mut instances: Vec<Instance> =
             bytemuck::pod_collect_to_vec(&rest[..instance_count as usize * size_of::<Instance>()]);
-        let rest = &rest[instance_bytes as usize..];
-        let poses: Vec<Pose> =
-            bytemuck::pod_collect_to_vec(&rest[..slot.agents.len() * size_of::<Pose>()]);
         for draw in &draws {
             let list = draw.first_instance as usize
                 ..draw.first_instance as usize + draw.instance_count as usize;
             if let Some(list) = instances.get_mut(list) {
-                list.sort_unstable_by_key(|i| i.agent);
+                list.sort_unstable_by_key(|i| i.agent());
             }
         }
         Some(Selection {
-            poses,
             instances,
             draws,
             visible: tally[TALLY_VISIBLE] as u64,

@@ -8,9 +8,7 @@ use super::memory::Buffer;
 use super::pipeline::{Pipelines, allocate_set, descriptor_pool, write_buffers};
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, View};
-use crate::gpu_types::{
-    AgentState, DrawCommand, FrameConstants, Instance, Pose, Selected, TALLY_BINS,
-};
+use crate::gpu_types::{AgentState, DrawCommand, FrameConstants, Instance, Selected, TALLY_BINS};
 use crate::prepare::Tables;
 use crate::reference::select::Selection;
 
@@ -30,6 +28,8 @@ pub(crate) enum Stamp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Shape {
     pub agents: u32,
+    /// Submeshes of all agents: the most entries that the lists can have.
+    pub entries: u32,
     pub submesh_stride: u32,
     pub bins: u32,
 }
@@ -38,12 +38,9 @@ impl Shape {
     /// This shape's buffers hold everything of `other`, with the same stride.
     fn holds(&self, other: &Shape) -> bool {
         self.agents >= other.agents
+            && self.entries >= other.entries
             && self.bins >= other.bins
             && self.submesh_stride == other.submesh_stride
-    }
-
-    fn entries(&self) -> u64 {
-        self.agents as u64 * self.submesh_stride as u64
     }
 }
 
@@ -52,17 +49,10 @@ pub(crate) struct SlotBuffers {
     pub agents: Buffer,
     pub tally: Buffer,
     pub selected: Buffer,
-    pub poses: Buffer,
     pub draws: Buffer,
     pub instances: Buffer,
-    /// Tally, and behind it, for tests, draws, instances and poses.
+    /// Tally, and behind it, for tests, draws and instances.
     pub readback: Buffer,
-}
-
-/// Lists that the CPU made for [`crate::Method::Uninstanced`].
-pub(crate) struct CpuBuffers {
-    pub poses: Buffer,
-    pub instances: Buffer,
 }
 
 /// What was recorded into the slot's command buffer.
@@ -81,7 +71,8 @@ pub(crate) struct Recorded {
 pub(crate) struct Slot {
     pub shape: Shape,
     pub buffers: Option<SlotBuffers>,
-    pub cpu_buffers: Option<CpuBuffers>,
+    /// Lists that the CPU made for [`crate::Method::Uninstanced`].
+    pub cpu_instances: Option<Buffer>,
     pub constants: Buffer,
     pub agents: Vec<AgentState>,
     /// Agents of each character.
@@ -165,7 +156,7 @@ impl Slot {
         let mut slot = Self {
             shape: Shape::default(),
             buffers: None,
-            cpu_buffers: None,
+            cpu_instances: None,
             constants: cx.create_buffer(
                 &name("constants"),
                 size_of::<FrameConstants>() as u64,
@@ -249,15 +240,17 @@ impl Slot {
         let fits = self.buffers.is_some() && self.shape.holds(&shape);
         if !fits {
             // Growing by half at least keeps a slowly growing crowd from making buffers every frame.
-            let shape = Shape {
-                agents: shape.agents.max(if self.buffers.is_some() {
-                    self.shape
-                        .agents
-                        .saturating_add(self.shape.agents / 2)
-                        .min(shape.agents.saturating_mul(2))
+            let grown = |needed: u32, had: u32| {
+                let half_more = had.saturating_add(had / 2).min(needed.saturating_mul(2));
+                if needed > had && had > 0 {
+                    needed.max(half_more)
                 } else {
-                    0
-                }),
+                    needed.max(had)
+                }
+            };
+            let shape = Shape {
+                agents: grown(shape.agents, self.shape.agents),
+                entries: grown(shape.entries, self.shape.entries),
                 bins: shape.bins.max(self.shape.bins),
                 ..shape
             };
@@ -284,7 +277,6 @@ impl Slot {
                     errors,
                     &b.tally,
                     &b.selected,
-                    &b.poses,
                     &b.draws,
                     &b.instances,
                 ]
@@ -297,7 +289,6 @@ impl Slot {
                 &[
                     (UNIFORM, self.constants.handle),
                     (STORAGE, b.instances.handle),
-                    (STORAGE, b.poses.handle),
                 ],
             );
             self.table_version = tables.version;
@@ -312,50 +303,34 @@ impl Slot {
         index: usize,
         selection: &Selection,
     ) -> Result<(), RenderError> {
-        let bytes = [
-            size_of_val(&selection.poses[..]) as u64,
-            size_of_val(&selection.instances[..]) as u64,
-        ];
-        let fits = self
-            .cpu_buffers
+        let bytes = size_of_val(&selection.instances[..]) as u64;
+        if !self
+            .cpu_instances
             .as_ref()
-            .is_some_and(|b| b.poses.size_bytes >= bytes[0] && b.instances.size_bytes >= bytes[1]);
-        if !fits {
-            let list = |what: &str, bytes: u64| {
-                let name = format!("{what} of frame {index}");
-                check_range(cx, &name, bytes)?;
-                cx.create_buffer(
-                    &name,
-                    bytes,
-                    vk::BufferUsageFlags::STORAGE_BUFFER,
-                    MemoryLocation::CpuToGpu,
-                )
-            };
-            let poses = list("uninstanced poses", bytes[0])?;
-            let instances = match list("uninstanced instances", bytes[1]) {
-                Ok(buffer) => buffer,
-                Err(e) => {
-                    cx.destroy_buffer(poses);
-                    return Err(e);
-                }
-            };
+            .is_some_and(|b| b.size_bytes >= bytes)
+        {
+            let name = format!("uninstanced instances of frame {index}");
+            check_range(cx, &name, bytes)?;
+            let instances = cx.create_buffer(
+                &name,
+                bytes,
+                vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::VERTEX_BUFFER,
+                MemoryLocation::CpuToGpu,
+            )?;
             write_buffers(
                 cx,
                 self.cpu_draw_set,
                 &[
                     (vk::DescriptorType::UNIFORM_BUFFER, self.constants.handle),
                     (vk::DescriptorType::STORAGE_BUFFER, instances.handle),
-                    (vk::DescriptorType::STORAGE_BUFFER, poses.handle),
                 ],
             );
-            if let Some(old) = self.cpu_buffers.replace(CpuBuffers { poses, instances }) {
-                cx.destroy_buffer(old.poses);
-                cx.destroy_buffer(old.instances);
+            if let Some(old) = self.cpu_instances.replace(instances) {
+                cx.destroy_buffer(old);
             }
         }
-        if let Some(b) = &mut self.cpu_buffers {
-            b.poses.write(0, &selection.poses);
-            b.instances.write(0, &selection.instances);
+        if let Some(b) = &mut self.cpu_instances {
+            b.write(0, &selection.instances);
         }
         Ok(())
     }
@@ -372,9 +347,8 @@ impl Slot {
         if let Some(b) = self.buffers {
             b.destroy(cx);
         }
-        if let Some(b) = self.cpu_buffers {
-            cx.destroy_buffer(b.poses);
-            cx.destroy_buffer(b.instances);
+        if let Some(b) = self.cpu_instances {
+            cx.destroy_buffer(b);
         }
     }
 }
@@ -388,9 +362,9 @@ impl SlotBuffers {
     ) -> Result<Self, RenderError> {
         use MemoryLocation::{CpuToGpu, GpuOnly, GpuToCpu};
         use vk::BufferUsageFlags as U;
-        let [tally, draws, instances, poses] = list_bytes(shape);
+        let [tally, draws, instances] = list_bytes(shape);
         let readback = if keep_lists {
-            tally + draws + instances + poses
+            tally + draws + instances
         } else {
             tally
         };
@@ -406,13 +380,12 @@ impl SlotBuffers {
             ("tally", tally, source | U::TRANSFER_DST, GpuOnly),
             (
                 "selected",
-                shape.entries() * size_of::<Selected>() as u64,
+                shape.agents as u64 * shape.submesh_stride as u64 * size_of::<Selected>() as u64,
                 storage,
                 GpuOnly,
             ),
-            ("poses", poses, source, GpuOnly),
             ("draws", draws, source | U::INDIRECT_BUFFER, GpuOnly),
-            ("instances", instances, source, GpuOnly),
+            ("instances", instances, source | U::VERTEX_BUFFER, GpuOnly),
             ("readback", readback, U::TRANSFER_DST, GpuToCpu),
         ];
         let mut made: Vec<Buffer> = Vec::new();
@@ -431,16 +404,15 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok([agents, tally, selected, poses, draws, instances, readback]) =
-            <[Buffer; 7]>::try_from(made)
+        let Ok([agents, tally, selected, draws, instances, readback]) =
+            <[Buffer; 6]>::try_from(made)
         else {
-            unreachable!("seven buffers were made above");
+            unreachable!("six buffers were made above");
         };
         Ok(Self {
             agents,
             tally,
             selected,
-            poses,
             draws,
             instances,
             readback,
@@ -452,7 +424,6 @@ impl SlotBuffers {
             self.agents,
             self.tally,
             self.selected,
-            self.poses,
             self.draws,
             self.instances,
             self.readback,
@@ -462,13 +433,12 @@ impl SlotBuffers {
     }
 }
 
-/// Bytes of tally, draws, instances and poses, each a multiple of 16.
-pub(crate) fn list_bytes(shape: Shape) -> [u64; 4] {
+/// Bytes of tally, draws and instances, each a multiple of 16.
+pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
         shape.bins as u64 * size_of::<DrawCommand>() as u64,
-        shape.entries() * size_of::<Instance>() as u64,
-        shape.agents as u64 * size_of::<Pose>() as u64,
+        shape.entries as u64 * size_of::<Instance>() as u64,
     ]
     .map(|bytes| bytes.next_multiple_of(16))
 }

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 use throng_bake::baked::{Baked, Vertex};
 use throng_bake::quantize::{decode_normal, decode_position, decode_weights};
 
-use crate::gpu_types::Pose;
+use crate::gpu_types::Instance;
 
 /// A skinned vertex in world space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,14 +15,14 @@ pub struct Skinned {
     pub normal: Vec3,
 }
 
-/// Every vertex number of a submesh as an instance with `live_vertex_count` live vertices draws it.
-pub fn mesh(baked: &Baked, submesh: usize, pose: &Pose, live_vertex_count: u32) -> Vec<Skinned> {
+/// Every vertex number of a submesh as an instance draws it.
+pub fn mesh(baked: &Baked, submesh: usize, instance: &Instance) -> Vec<Skinned> {
     let submesh = &baked.submeshes[submesh];
     let first = submesh.first_vertex as usize;
     (0..submesh.vertex_count)
         .map(|i| {
-            let (living, _) = living_ancestor(baked, first, i, live_vertex_count);
-            skin_vertex(baked, &baked.vertices[first + living as usize], pose)
+            let (living, _) = living_ancestor(baked, first, i, instance.live_vertex_count);
+            skin_vertex(baked, &baked.vertices[first + living as usize], instance)
         })
         .collect()
 }
@@ -65,16 +65,17 @@ pub fn living_ancestor(
     (vertex, hops)
 }
 
-fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
+fn skin_vertex(baked: &Baked, vertex: &Vertex, instance: &Instance) -> Skinned {
     let weights = decode_weights(vertex.weights);
     let mut rows = [Vec4::ZERO; 3];
     let mut sum = 0.0;
-    for j in 0..pose.influence_count as usize {
+    for j in 0..instance.influence_count() as usize {
         sum += weights[j];
-        for s in 0..pose.sample_count as usize {
-            let entry = &baked.palette[pose.sample_entries[s] as usize + vertex.joints[j] as usize];
+        for s in 0..instance.sample_count() as usize {
+            let entry =
+                &baked.palette[instance.sample_entries[s] as usize + vertex.joints[j] as usize];
             for (row, from) in rows.iter_mut().zip(entry.rows) {
-                *row += weights[j] * pose.sample_weights[s] * Vec4::from_array(from);
+                *row += weights[j] * instance.sample_weights[s] * Vec4::from_array(from);
             }
         }
     }
@@ -82,16 +83,16 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, pose: &Pose) -> Skinned {
     let model = Vec3::from(rows.map(|r| r.dot(bind))) / sum;
     let normal = decode_normal(vertex.normal);
     let normal = Vec3::from(rows.map(|r| r.truncate().dot(normal)));
-    let scale = pose.heading_cos.hypot(pose.heading_sin);
+    let scale = instance.heading_cos.hypot(instance.heading_sin);
     let turn = |v: Vec3| {
         Vec3::new(
-            pose.heading_cos * v.x + pose.heading_sin * v.z,
+            instance.heading_cos * v.x + instance.heading_sin * v.z,
             scale * v.y,
-            pose.heading_cos * v.z - pose.heading_sin * v.x,
+            instance.heading_cos * v.z - instance.heading_sin * v.x,
         )
     };
     Skinned {
-        position: Vec3::from(pose.position) + turn(model),
+        position: Vec3::from(instance.position) + turn(model),
         normal: turn(normal).normalize_or_zero(),
     }
 }

@@ -1,19 +1,16 @@
 //! Twin of hlsl/select.hlsl: culling, level of detail, instance lists.
 
-use bytemuck::Zeroable;
 use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
-    AgentState, BIN_NONE, CharacterInfo, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL,
-    FrameConstants, Instance, Pose, SKINNING_ERROR_SHARE, SubmeshInfo,
+    AgentState, BIN_NONE, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants,
+    Instance, SKINNING_ERROR_SHARE, SubmeshInfo,
 };
 use crate::prepare::Tables;
 
 /// What the stage writes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Selection {
-    /// By agent; zero where the agent is culled.
-    pub poses: Vec<Pose>,
     /// The lists, one after the other in the order of their bins; agents rise within each.
     pub instances: Vec<Instance>,
     /// By bin.
@@ -27,17 +24,15 @@ pub struct Selection {
 /// The whole stage for `agents`, which name only characters and clips of `tables`.
 pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) -> Selection {
     let mut lists: Vec<Vec<Instance>> = vec![Vec::new(); tables.bands.len()];
-    let mut selection = Selection {
-        poses: vec![Pose::zeroed(); agents.len()],
-        ..Default::default()
-    };
+    let mut selection = Selection::default();
     for (index, agent) in agents.iter().enumerate() {
-        let Some((pose, lod_error)) = view_agent(tables, agent, frame) else {
+        let Some(lod_error) = view_agent(tables, agent, frame) else {
             continue;
         };
         selection.visible += 1;
-        selection.poses[index] = pose;
         let character = &tables.characters[agent.character as usize];
+        let still = frame.flags & FLAG_STILL != 0;
+        let instance = make_instance(tables, index as u32, agent, lod_error, still);
         for submesh in &tables.submeshes[character.first_submesh as usize..]
             [..character.submesh_count as usize]
         {
@@ -45,8 +40,8 @@ pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) ->
             if bin != BIN_NONE {
                 selection.live_vertices += live_vertex_count as u64;
                 lists[bin as usize].push(Instance {
-                    agent: index as u32,
                     live_vertex_count,
+                    ..instance
                 });
             }
         }
@@ -64,8 +59,8 @@ pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) ->
     selection
 }
 
-/// A visible agent's pose and LOD error (negative: full detail), or `None` where it is culled.
-fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Option<(Pose, f32)> {
+/// A visible agent's LOD error (negative: full detail), or `None` where it is culled.
+fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Option<f32> {
     let character = &tables.characters[agent.character as usize];
     let clip0 = &tables.clips[(character.first_clip + agent.clip0) as usize];
     let clip1 = &tables.clips[(character.first_clip + agent.clip1) as usize];
@@ -90,22 +85,11 @@ fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Op
             frame,
         ));
     }
-    let lod_error = if frame.flags & FLAG_FULL_DETAIL != 0 {
+    Some(if frame.flags & FLAG_FULL_DETAIL != 0 {
         -1.0
     } else {
         frame.error_per_metre * distance / agent.scale
-    };
-    let still = frame.flags & FLAG_STILL != 0;
-    let pose = make_pose(
-        agent,
-        character,
-        [clip0, clip1],
-        heading_cos,
-        heading_sin,
-        lod_error,
-        still,
-    );
-    Some((pose, lod_error))
+    })
 }
 
 /// The greatest signed distance that a vertex of the clip may have to a plane.
@@ -149,15 +133,17 @@ fn frame_position(clip: &ClipInfo, phase: f32) -> f32 {
     (phase - phase.floor()) * (clip.frame_count - 1) as f32
 }
 
-fn make_pose(
+/// An agent's list entry, but for its live vertices.
+fn make_instance(
+    tables: &Tables,
+    index: u32,
     agent: &AgentState,
-    character: &CharacterInfo,
-    clips: [&ClipInfo; 2],
-    heading_cos: f32,
-    heading_sin: f32,
     lod_error: f32,
     still: bool,
-) -> Pose {
+) -> Instance {
+    let character = &tables.characters[agent.character as usize];
+    let clips =
+        [agent.clip0, agent.clip1].map(|c| &tables.clips[(character.first_clip + c) as usize]);
     let allowed = lod_error * SKINNING_ERROR_SHARE;
     let influence_count = if allowed < character.influences3_error {
         4
@@ -206,13 +192,13 @@ fn make_pose(
             push((first + 1).min(clip.frame_count - 1), shares[i] * fraction);
         }
     }
-    Pose {
+    Instance {
         position: agent.position,
+        heading_cos: agent.heading.cos() * agent.scale,
         tint_seed: agent.tint_seed,
-        heading_cos: heading_cos * agent.scale,
-        heading_sin: heading_sin * agent.scale,
-        influence_count,
-        sample_count: sample_count as u32,
+        live_vertex_count: 0,
+        packed: Instance::pack(influence_count, sample_count as u32, index),
+        heading_sin: agent.heading.sin() * agent.scale,
         sample_entries,
         sample_weights,
     }
