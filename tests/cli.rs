@@ -420,3 +420,44 @@ fn a_built_in_character_goes_all_the_way() {
     assert!(report["draw_calls"].as_u64().unwrap() <= 16);
     assert!(refuse(&["characters", "unicorn"]).contains("unicorn"));
 }
+
+/// The demo, small: every built-in character is made, baked and drawn, and the table has its rows.
+#[test]
+fn the_demo_draws_and_says_what_it_cost() {
+    let folder = tempfile::tempdir().unwrap();
+    let (picture, report) = (
+        folder.path().join("out/demo.png"),
+        folder.path().join("r.json"),
+    );
+    let said = succeed(&[
+        "demo",
+        "--agents",
+        "400",
+        "--runs",
+        "2",
+        "--size",
+        "160x120",
+        "-o",
+        picture.to_str().unwrap(),
+        "--report",
+        report.to_str().unwrap(),
+    ]);
+    for row in [
+        "device",
+        "agents",
+        "visible",
+        "draw calls",
+        "triangles",
+        "vertex-shader runs",
+        "select ms",
+        "mesh ms",
+        "frames per second",
+    ] {
+        assert!(said.contains(row), "{row}: {said}");
+    }
+    assert_eq!(pixels(&picture).dimensions(), (160, 120));
+    let report = json(&std::fs::read_to_string(report).unwrap());
+    assert_eq!(report["agents"], 400);
+    assert!(report["draw_calls"].as_u64().unwrap() <= 16);
+    assert!(report["triangles"].as_u64().unwrap() > 0);
+}
