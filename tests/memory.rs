@@ -1,0 +1,51 @@
+//! A crowd that is held for long. A test binary of its own: the memory is the whole process's.
+
+mod common;
+
+use common::{baked_mascot, crowd, options, view};
+use throng::Method;
+use throng::gpu::{Headless, HeadlessDesc};
+
+const SIZE: [u32; 2] = [64, 48];
+
+/// Memory of this process in KiB; `None` where the system does not tell.
+fn resident_kb() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Neither frames nor changes of the crowd's size, the method or the picture's size leave anything behind.
+#[test]
+fn memory_does_not_grow_over_a_thousand_frames() {
+    // Without the validation layer, whose own records would be counted, too.
+    let mut headless = Headless::new(&HeadlessDesc {
+        size_px: SIZE,
+        ..HeadlessDesc::default()
+    })
+    .expect("a Vulkan device");
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    let mut draw = |frame: usize| {
+        let size = if frame % 100 < 50 { SIZE } else { [48, 64] };
+        if frame.is_multiple_of(50) {
+            headless.resize(size).expect("a size");
+        }
+        let method = match frame % 20 {
+            0 => Method::Uninstanced,
+            1 => Method::Full,
+            _ => Method::Lod,
+        };
+        let agents = crowd(1 + (frame * 37) % 200, &[id]);
+        headless
+            .render(&agents, &view(size), &options(method))
+            .expect("a frame");
+    };
+    (0..200).for_each(&mut draw);
+    let before = resident_kb();
+    (200..1200).for_each(&mut draw);
+    let (Some(before), Some(after)) = (before, resident_kb()) else {
+        eprintln!("SKIPPED: this system does not tell how much memory a process has");
+        return;
+    };
+    assert!(after < before + 4096, "{before} KiB became {after} KiB");
+}
