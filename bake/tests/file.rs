@@ -95,9 +95,12 @@ fn a_sealed_but_senseless_file_never_panics_and_what_passes_is_valid() {
     assert!(passed > 0, "a colour may change unseen");
 }
 
+/// What spoils a baked character.
+type Break = fn(&mut Baked);
+
 #[test]
 fn each_broken_rule_is_named() {
-    let broken: [(&str, fn(&mut Baked)); 9] = [
+    let broken: [(&str, Break); 9] = [
         ("collapse target", |b| b.collapse[5].parent = 5),
         ("collapse error", |b| b.collapse[5].error = f32::NAN),
         ("an index", |b| b.indices[0] = 60_000),

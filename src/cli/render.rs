@@ -12,7 +12,7 @@ use throng_bake::bake::BakeOptions;
 use super::measure::{Drawing, MethodName, Report, Studio};
 use super::output::{Progress, grouped, say, write_json};
 use super::picture::{average, write_png};
-use super::shot::{Request, Shot, Side};
+use super::shot::{Request, Shot, ViewFrom};
 
 /// Draw a scene, or a character, to PNG files
 #[derive(clap::Args)]
@@ -66,7 +66,7 @@ pub struct Arguments {
     camera: Option<String>,
     /// A camera that takes everybody in, from this side
     #[arg(long, value_name = "SIDE")]
-    view: Option<Side>,
+    view: Option<ViewFrom>,
     #[command(flatten)]
     quality: Quality,
     /// A part of the device's name, or its index; the best GPU where left out, a CPU driver where there is none

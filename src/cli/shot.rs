@@ -19,14 +19,14 @@ pub struct Shot {
     crowd: Crowd,
     /// Index into the scene's cameras; without one the view takes everybody in.
     camera: Option<usize>,
-    side: Side,
+    side: ViewFrom,
     /// All agents are at the shot's time in their clips: one character to look at, not a crowd.
     is_portrait: bool,
 }
 
 /// Where the camera stands when it has to find its place itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Side {
+pub enum ViewFrom {
     /// In front of somebody who faces the scene's +Z
     Front,
     /// At the left hand
@@ -39,7 +39,7 @@ pub enum Side {
     Top,
 }
 
-impl Side {
+impl ViewFrom {
     /// Direction from what is looked at to the camera.
     fn to_camera(self) -> Vec3 {
         match self {
@@ -67,7 +67,7 @@ pub struct Request<'a> {
     /// Name of one of the scene's cameras.
     pub camera: Option<&'a str>,
     /// In place of a camera.
-    pub side: Option<Side>,
+    pub side: Option<ViewFrom>,
 }
 
 impl Shot {
@@ -117,7 +117,7 @@ impl Shot {
             characters,
             crowd,
             camera,
-            side: request.side.unwrap_or(Side::ThreeQuarter),
+            side: request.side.unwrap_or(ViewFrom::ThreeQuarter),
             is_portrait,
         })
     }
@@ -334,11 +334,11 @@ mod tests {
                 ..Agent::default()
             });
             for side in [
-                Side::Front,
-                Side::Side,
-                Side::Back,
-                Side::ThreeQuarter,
-                Side::Top,
+                ViewFrom::Front,
+                ViewFrom::Side,
+                ViewFrom::Back,
+                ViewFrom::ThreeQuarter,
+                ViewFrom::Top,
             ] {
                 for size_px in [[640, 480], [100, 300]] {
                     let characters = std::slice::from_ref(&character);

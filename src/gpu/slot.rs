@@ -304,10 +304,10 @@ impl Slot {
         selection: &Selection,
     ) -> Result<(), RenderError> {
         let bytes = size_of_val(&selection.instances[..]) as u64;
-        if !self
+        if self
             .cpu_instances
             .as_ref()
-            .is_some_and(|b| b.size_bytes >= bytes)
+            .is_none_or(|b| b.size_bytes < bytes)
         {
             let name = format!("uninstanced instances of frame {index}");
             check_range(cx, &name, bytes)?;

@@ -69,13 +69,13 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, instance: &Instance) -> Skinned {
     let weights = decode_weights(vertex.weights);
     let mut rows = [Vec4::ZERO; 3];
     let mut sum = 0.0;
-    for j in 0..instance.influence_count() as usize {
-        sum += weights[j];
+    let influences = weights.into_iter().zip(vertex.joints);
+    for (weight, joint) in influences.take(instance.influence_count() as usize) {
+        sum += weight;
         for s in 0..instance.sample_count() as usize {
-            let entry =
-                &baked.palette[instance.sample_entries[s] as usize + vertex.joints[j] as usize];
+            let entry = &baked.palette[instance.sample_entries[s] as usize + joint as usize];
             for (row, from) in rows.iter_mut().zip(entry.rows) {
-                *row += weights[j] * instance.sample_weights[s] * Vec4::from_array(from);
+                *row += weight * instance.sample_weights[s] * Vec4::from_array(from);
             }
         }
     }
