@@ -38,6 +38,8 @@ pub(super) struct Samples<'a> {
     deviations: Vec<[f32; 2]>,
     /// Samples that each face stands for.
     of_face: Vec<Vec<u32>>,
+    /// Of each face: see [`Samples::overhang`].
+    overhangs: Vec<f64>,
     trial: Trial,
     /// Sum of weights times deviations over all samples, and of weights.
     total: [f64; 2],
@@ -55,6 +57,10 @@ struct Trial {
     sums: Vec<f32>,
     deviations: Vec<[f32; 2]>,
     faces: Vec<TrialFace>,
+    /// The first of `faces` that the collapse makes; those after them were there before.
+    new_faces: usize,
+    /// Overhang of the new faces.
+    overhangs: Vec<f64>,
 }
 
 /// The face that is nearest to a sample, by index into [`Trial::faces`].
@@ -85,6 +91,7 @@ impl<'a> Samples<'a> {
             look: Vec::with_capacity(points + surface.faces.len()),
             deviations: vec![[0.0; 2]; points + surface.faces.len()],
             of_face: Vec::with_capacity(surface.faces.len()),
+            overhangs: vec![0.0; surface.faces.len()],
             trial: Trial::default(),
             looks,
             total: [0.0; 2],
@@ -154,6 +161,7 @@ impl<'a> Samples<'a> {
                 });
             }
         }
+        trial.new_faces = trial.faces.len();
         if trial.faces.is_empty() {
             self.faces_nearby(surface, point, target);
         }
@@ -172,7 +180,7 @@ impl<'a> Samples<'a> {
             let points = self.trial.faces[i].points;
             self.measure(surface, i as u32, points);
         }
-        self.weigh(surface) + OVERHANG_WEIGHT * self.overhang(surface)
+        self.weigh(surface) + OVERHANG_WEIGHT * self.overhang(surface, point)
     }
 
     /// The same if the corners of wedge `from` go to its twin `to`. [`Samples::commit_twin`] then does it.
@@ -266,27 +274,29 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// How far the new faces stand out over the full surface: area times squared distance from each one's centroid to the
-    /// nearest sample, first pose. Distances within the samples' spacing do not count.
-    fn overhang(&self, surface: &Surface) -> f64 {
+    /// How much farther the new faces stand out over the full surface than those around `point` do: area times squared
+    /// distance from each one's centroid to the nearest sample, first pose. Distances within the samples' spacing do not
+    /// count.
+    fn overhang(&mut self, surface: &Surface, point: u32) -> f64 {
         let n = self.pose_count;
-        let mut sum = 0.0;
-        for face in &self.trial.faces {
+        let trial = &mut self.trial;
+        trial.overhangs.clear();
+        for face in &trial.faces[..trial.new_faces] {
             let [a, b, c] = face.points.map(|p| surface.at(p).map(|x| x[0]));
             let area = 0.5 * length(cross(sub(b, a), sub(c, a)));
             let center = [0, 1, 2].map(|i| (a[i] + b[i] + c[i]) * (1.0 / 3.0));
             let mut least = f32::MAX;
-            for &sample in &self.trial.samples {
+            for &sample in &trial.samples {
                 let sample = sample as usize;
                 let at = [0, 1, 2].map(|axis| self.posed[(sample * 3 + axis) * n]);
                 let gap = sub(at, center);
                 least = least.min(dot(gap, gap) - self.weights[sample][0]);
             }
-            if least < f32::MAX {
-                sum += (area * least.max(0.0)) as f64;
-            }
+            trial.overhangs.push((area * least.max(0.0)) as f64);
         }
-        sum
+        let faces = surface.faces_of[point as usize].iter();
+        let before: f64 = faces.map(|&f| self.overhangs[f as usize]).sum();
+        trial.overhangs.iter().sum::<f64>() - before
     }
 
     /// The faces that samples fall back to where a collapse leaves none of the faces around a point.
@@ -314,6 +324,9 @@ impl<'a> Samples<'a> {
             self.of_face[f as usize].clear();
         }
         let trial = &self.trial;
+        for (face, &overhang) in trial.faces.iter().zip(&trial.overhangs) {
+            self.overhangs[face.face as usize] = overhang;
+        }
         for (i, &sample) in trial.samples.iter().enumerate() {
             let (old, new) = (self.deviations[sample as usize], trial.deviations[i]);
             for k in 0..2 {
