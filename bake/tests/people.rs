@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use throng_bake::character::{Character, Clip};
 use throng_bake::glb::write_glb;
+use throng_bake::import::import_bytes;
 use throng_bake::people::{self, PeopleError};
 use throng_bake::pose;
 
@@ -200,6 +201,55 @@ fn same_parameters_same_bytes() {
             std::fs::write(Path::new(&folder).join(format!("{}.glb", c.name)), bytes).unwrap();
         }
     }
+}
+
+#[test]
+fn written_and_imported_they_pose_the_same() {
+    for c in everybody() {
+        let bytes = write_glb(c).unwrap();
+        let back = import_bytes(Path::new(&format!("{}.glb", c.name)), &bytes).unwrap();
+        assert_eq!(back.name, c.name);
+        assert!(back.warnings.is_empty(), "{}: {:?}", c.name, back.warnings);
+        assert_eq!(back.joints.len(), c.joints.len());
+        let names = |c: &Character| {
+            c.materials
+                .iter()
+                .map(|m| m.name.clone())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(names(&back), names(c));
+        for (clip, again) in c.clips.iter().zip(&back.clips) {
+            assert_eq!(
+                (&again.name, again.ground_speed, again.duration_s),
+                (&clip.name, clip.ground_speed, clip.duration_s)
+            );
+            for k in 0..4 {
+                let time_s = 0.21 * k as f32 * clip.duration_s;
+                let (here, there) = (surface(c, clip, time_s), surface(&back, again, time_s));
+                assert_eq!(here.len(), there.len(), "{}", c.name);
+                let off = here.iter().zip(&there).map(|(a, b)| a.distance(*b));
+                let off = off.fold(0.0, f32::max);
+                assert!(off < 1e-4, "{} {}: {off} m", c.name, clip.name);
+            }
+        }
+    }
+}
+
+/// The corners of every triangle in model space, in order.
+fn surface(c: &Character, clip: &Clip, time_s: f32) -> Vec<Vec3> {
+    let all = posed(c, Some(clip), time_s);
+    let mut first = 0;
+    let mut corners = Vec::new();
+    for part in &c.parts {
+        corners.extend(
+            part.triangles
+                .as_flattened()
+                .iter()
+                .map(|&v| all[first + v as usize]),
+        );
+        first += part.positions.len();
+    }
+    corners
 }
 
 #[test]

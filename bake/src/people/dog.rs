@@ -1,46 +1,44 @@
-//! A dog: four legs with scapulas and hocks, a four-beat walk and a diagonal trot.
+//! A dog: four legs with scapulas and hocks.
 
-use std::f32::consts::TAU;
-
-use glam::{Mat3, Quat, Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use super::field::{Bind, Layer, Model, Paint, Prim, Ring, Shape, frame, smoothstep};
 use super::figure::{SIDES, chain, cone, ellipsoid, loft, rigid, tilted};
-use super::ik::{Foot, Pose, Rig, Step};
+use super::ik::Rig;
 use super::params::{Color, Dog};
 use super::person::{Palette, assemble};
-use super::{mesh, polygonise};
-use crate::character::{Character, Clip};
+use super::{dog_gait, mesh, polygonise};
+use crate::character::Character;
 
 /// Height at the withers that all constants here are for.
 const STANDARD_HEIGHT: f32 = 0.60;
 const GRID_STEP: f32 = 0.0042;
-const CYCLE_KEYS: usize = 40;
-const REACH: f32 = 0.985;
 
-const HIPS: usize = 0;
-const SPINE: usize = 1;
-const CHEST: usize = 2;
-const NECK: usize = 3;
-const HEAD: usize = 4;
-const TAIL: usize = 5;
+pub const HIPS: usize = 0;
+pub const SPINE: usize = 1;
+pub const CHEST: usize = 2;
+pub const NECK: usize = 3;
+pub const HEAD: usize = 4;
+pub const TAIL: usize = 5;
 /// Left foreleg: scapula, humerus, radius, paw, toes. The right one follows.
-const FORE: usize = 8;
+pub const FORE: usize = 8;
 /// Left hind leg: femur, tibia, metatarsus, toes. The right one follows.
-const HIND: usize = 18;
+pub const HIND: usize = 18;
 
 fn side_place(side: f32, p: [f32; 3]) -> Vec3 {
     Vec3::new(side * p[0], p[1], p[2])
 }
 
-const FORELEG: [[f32; 3]; 5] = [
+/// Places of the left foreleg's joints at rest.
+pub const FORELEG: [[f32; 3]; 5] = [
     [0.050, 0.550, 0.130],
     [0.085, 0.425, 0.225],
     [0.086, 0.325, 0.120],
     [0.082, 0.110, 0.145],
     [0.082, 0.022, 0.175],
 ];
-const HINDLEG: [[f32; 3]; 4] = [
+/// Places of the left hind leg's joints at rest.
+pub const HINDLEG: [[f32; 3]; 4] = [
     [0.072, 0.490, -0.295],
     [0.082, 0.335, -0.205],
     [0.078, 0.185, -0.350],
@@ -85,7 +83,8 @@ fn joints() -> Vec<(String, Option<usize>, Vec3)> {
     out
 }
 
-fn first_joint(first: usize, count: usize, side: f32) -> usize {
+/// The first joint of a side's leg of `count` joints; `first` is the left one's.
+pub fn first_joint(first: usize, count: usize, side: f32) -> usize {
     if side > 0.0 { first } else { first + count }
 }
 
@@ -110,12 +109,8 @@ pub fn build(dog: &Dog) -> Character {
     );
     let scale = dog.height / STANDARD_HEIGHT;
     let rig = Rig::new(&joints);
-    let clips = vec![
-        idle(&rig, scale),
-        cycle("walk", &rig, &walk(dog.walk_speed / scale), scale),
-        cycle("run", &rig, &trot(dog.run_speed / scale), scale),
-    ];
-    assemble(parts, palette.materials, &joints, clips, scale)
+    let clips = dog_gait::clips(&rig, dog.walk_speed, dog.run_speed, scale);
+    assemble(parts, &palette.materials, &joints, clips, scale)
 }
 
 /// A limb's cone from joint to joint, its weights blending at both ends.
@@ -440,204 +435,4 @@ fn model(dog: &Dog, palette: &mut Palette) -> Model {
             ring,
         ],
     }
-}
-
-/// A gait: how feet step, when, and how the body follows.
-struct Style {
-    hind: Step,
-    fore: Step,
-    /// Phases of left hind, right hind, left fore, right fore.
-    phases: [f32; 4],
-    bob: f32,
-    /// Turn of the hips and the chest with their legs.
-    yaw: f32,
-    /// Rise and fall of the head.
-    nod: f32,
-    wag: f32,
-}
-
-/// Four beats: left hind, left fore, right hind, right fore.
-fn walk(speed: f32) -> Style {
-    let stride = 0.66 * (speed / 1.1).powf(0.55);
-    let step = Step {
-        speed,
-        duration_s: stride / speed,
-        duty: 0.61,
-        strike_pitch: 0.0,
-        push_pitch: 0.60,
-        air_pitch: 0.75,
-        lift: 0.035,
-        lead: -0.015,
-    };
-    Style {
-        hind: Step {
-            push_pitch: 0.55,
-            air_pitch: 0.55,
-            lead: -0.005,
-            ..step
-        },
-        fore: Step {
-            push_pitch: 0.75,
-            air_pitch: 1.25,
-            lead: -0.010,
-            ..step
-        },
-        phases: [0.0, 0.5, 0.75, 0.25],
-        bob: 0.006,
-        yaw: 0.06,
-        nod: 0.06,
-        wag: 0.30,
-    }
-}
-
-/// Two beats: diagonal pairs, with a moment in the air between them.
-fn trot(speed: f32) -> Style {
-    let duration_s = 0.52 - 0.030 * speed;
-    let step = Step {
-        speed,
-        duration_s,
-        duty: (0.30 + 0.035 * speed) / (speed * duration_s),
-        strike_pitch: 0.0,
-        push_pitch: 0.85,
-        air_pitch: 1.0,
-        lift: 0.060,
-        lead: -0.040,
-    };
-    Style {
-        hind: Step {
-            push_pitch: 0.70,
-            air_pitch: 0.70,
-            ..step
-        },
-        fore: Step {
-            push_pitch: 0.90,
-            air_pitch: 1.70,
-            lift: 0.075,
-            ..step
-        },
-        phases: [0.0, 0.5, 0.5, 0.0],
-        bob: -0.018,
-        yaw: 0.05,
-        nod: 0.03,
-        wag: 0.12,
-    }
-}
-
-fn feet() -> [Foot; 2] {
-    let foot = |ankle: [f32; 3], ball: [f32; 3]| {
-        let (ankle, ball) = (Vec3::from(ankle), Vec3::from(ball));
-        Foot {
-            ankle,
-            heel: ball - ankle,
-            ball: ball - ankle,
-            tip: Vec3::new(0.0, -0.020, 0.032),
-        }
-    };
-    [foot(HINDLEG[2], HINDLEG[3]), foot(FORELEG[3], FORELEG[4])]
-}
-
-fn cycle(name: &str, rig: &Rig, style: &Style, scale: f32) -> Clip {
-    let drop = super::ik::lowest_drop(CYCLE_KEYS, REACH, |drop, phase| {
-        stride(rig, style, drop, phase).1
-    });
-    let speed = style.hind.speed * scale;
-    rig.clip(
-        name,
-        style.hind.duration_s,
-        speed,
-        CYCLE_KEYS,
-        scale,
-        |phase| stride(rig, style, drop, phase).0,
-    )
-}
-
-fn stride(rig: &Rig, style: &Style, drop: f32, phase: f32) -> (Pose, f32) {
-    let wave = |at: f32| (TAU * (phase - at)).cos();
-    let hind = wave(style.phases[0]);
-    let fore = wave(style.phases[2]);
-    let twice = (2.0 * TAU * (phase - 0.5 * style.hind.duty)).cos();
-    let mut pose = rig.rest();
-    pose.origin += Vec3::new(0.004 * wave(0.3), style.bob * twice - drop, 0.0);
-    let pitch = Quat::from_rotation_x(0.012 * (2.0 * TAU * phase).sin());
-    let hips = pitch
-        * Quat::from_rotation_y(-style.yaw * hind)
-        * Quat::from_rotation_z(0.035 * wave(style.phases[0] + 0.5 * style.hind.duty));
-    let chest = pitch * Quat::from_rotation_y(-0.6 * style.yaw * fore);
-    body_pose(
-        &mut pose,
-        hips,
-        chest,
-        style.nod * twice,
-        style.wag * wave(0.1),
-        0.0,
-    );
-    let reach = plant(rig, &mut pose, |leg, foot| {
-        let step = if leg < 2 { &style.hind } else { &style.fore };
-        step.foot(foot, phase - style.phases[leg])
-    });
-    (pose, reach)
-}
-
-fn body_pose(pose: &mut Pose, hips: Quat, chest: Quat, nod: f32, wag: f32, look: f32) {
-    pose.rotations[HIPS] = hips;
-    pose.rotations[SPINE] = hips.slerp(chest, 0.5);
-    pose.rotations[CHEST] = chest;
-    pose.rotations[NECK] = chest * Quat::from_rotation_x(0.10 + nod);
-    pose.rotations[HEAD] = Quat::from_rotation_y(look) * Quat::from_rotation_x(0.06 - 0.5 * nod);
-    let mut tail = hips;
-    for i in 0..3 {
-        tail *= Quat::from_rotation_y(wag * (0.6 + 0.2 * i as f32)) * Quat::from_rotation_x(0.10);
-        pose.rotations[TAIL + i] = tail;
-    }
-}
-
-/// Puts all four feet where `foot` says (legs in the order of [`Style::phases`]); returns the longest reach.
-fn plant(rig: &Rig, pose: &mut Pose, foot: impl Fn(usize, &Foot) -> super::ik::FootPose) -> f32 {
-    let feet = feet();
-    let mut longest = 0f32;
-    for leg in 0..4 {
-        let side = SIDES[leg % 2];
-        let mut shape = feet[leg / 2];
-        shape.ankle.x *= side;
-        let made = foot(leg, &shape);
-        let (upper, pole) = if leg < 2 {
-            (first_joint(HIND, 4, side), Vec3::new(side * 0.08, 0.0, 1.0))
-        } else {
-            // The scapula swings with its leg.
-            let scapula = first_joint(FORE, 5, side);
-            let swing = (made.ankle.z - shape.ankle.z) * 1.3;
-            pose.rotations[scapula] = pose.rotations[CHEST] * Quat::from_rotation_x(-swing);
-            (scapula + 1, Vec3::new(side * 0.08, 0.0, -1.0))
-        };
-        longest = longest.max(rig.reach(pose, upper, made.ankle, pole));
-        pose.rotations[upper + 2] = made.rotation();
-        pose.rotations[upper + 3] = made.toe_rotation();
-    }
-    longest
-}
-
-fn idle(rig: &Rig, scale: f32) -> Clip {
-    rig.clip("idle", 4.0, 0.0, 40, scale, |phase| {
-        let slow = (TAU * phase).sin();
-        let breath = (3.0 * TAU * phase).sin();
-        let mut pose = rig.rest();
-        pose.origin += Vec3::new(0.004 * slow, -0.012, 0.0);
-        let hips = Quat::from_rotation_z(0.015 * slow);
-        let chest = Quat::from_rotation_x(0.006 * breath);
-        let wag = 0.35 * (6.0 * TAU * phase).sin();
-        body_pose(
-            &mut pose,
-            hips,
-            chest,
-            -0.02 + 0.02 * breath,
-            wag,
-            0.22 * (TAU * phase + 0.6).sin(),
-        );
-        plant(rig, &mut pose, |_, foot| super::ik::FootPose {
-            ankle: foot.ankle,
-            pitch: 0.0,
-            toe_pitch: 0.0,
-        });
-        pose
-    })
 }

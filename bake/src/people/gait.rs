@@ -225,7 +225,7 @@ fn idle(figure: &Figure, rig: &Rig, gait: &Gait, scale: f32) -> Clip {
         let shift = (TAU * phase).sin();
         let breath = (2.0 * TAU * phase).sin();
         let mut pose = rig.rest();
-        pose.origin += Vec3::new(0.014 * shift, -0.016 - 0.002 * shift * shift, 0.0);
+        pose.origin += Vec3::new(0.014 * shift, -0.0045 - 0.002 * shift * shift, 0.0);
         let hips = Quat::from_rotation_z(0.020 * shift) * Quat::from_rotation_y(0.02 * shift);
         let chest = Quat::from_rotation_z(-0.018 * shift)
             * Quat::from_rotation_x(gait.stoop * 0.9 - 0.012 * breath);

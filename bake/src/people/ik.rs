@@ -80,7 +80,7 @@ impl Rig {
         pose: impl Fn(f32) -> Pose,
     ) -> Clip {
         let times_s: Vec<f32> = (0..=key_count)
-            .map(|k| duration_s * k as f32 / key_count as f32)
+            .map(|k| duration_s * (k as f32 / key_count as f32))
             .collect();
         let poses: Vec<Pose> = (0..=key_count)
             .map(|k| pose((k % key_count) as f32 / key_count as f32))

@@ -7,6 +7,7 @@
 mod clothes;
 mod cut;
 mod dog;
+mod dog_gait;
 mod field;
 mod figure;
 mod gait;
@@ -16,6 +17,7 @@ mod mesh;
 mod params;
 mod person;
 mod polygonise;
+mod tops;
 
 use crate::character::Character;
 

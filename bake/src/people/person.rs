@@ -53,19 +53,23 @@ pub fn build(person: &Person) -> Character {
     let scale = person.height / STANDARD_HEIGHT;
     let joints = figure.joints();
     let clips = gait::person_clips(&figure, &person.gait, scale);
-    assemble(parts, palette.materials, &joints, clips, scale)
+    assemble(parts, &palette.materials, &joints, clips, scale)
 }
 
 /// A character from parts and joints in metres at scale 1; clips are already scaled.
 pub fn assemble(
     mut parts: Vec<Part>,
-    materials: Vec<Material>,
+    materials: &[Material],
     joints: &[(String, Option<usize>, Vec3)],
     clips: Vec<Clip>,
     scale: f32,
 ) -> Character {
+    // Parts are in the order of their materials; those that nothing shows are left out.
+    let mut used = Vec::with_capacity(parts.len());
     for part in &mut parts {
         part.positions.iter_mut().for_each(|p| *p *= scale);
+        used.push(materials[part.material as usize].clone());
+        part.material = used.len() as u32 - 1;
     }
     // Node 0 stands on the ground; joint i is node i + 1.
     let mut nodes = vec![Node {
@@ -91,7 +95,7 @@ pub fn assemble(
     }
     Character {
         parts,
-        materials,
+        materials: used,
         nodes,
         joints: skin,
         clips,
