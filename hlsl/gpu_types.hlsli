@@ -29,11 +29,11 @@
 struct AgentState
 {
     float3 position; // world, metres
-    float heading; // radians about +Y, 0 faces +Z
+    float heading_cos; // from the host: drivers' own cosines differ
+    float heading_sin;
     float scale; // metres per bind-space unit
     uint character;
-    uint clip0;
-    uint clip1;
+    uint clips; // first clip in the low 16 bits, second in the high ones
     float phase0; // fraction of the clip, wraps
     float phase1;
     float blend; // weight of clip1, 0 to 1

@@ -44,8 +44,10 @@ float4 PSMain(Interpolants i) : SV_Target
     float joint = 1.0 - (1.0 - joint_share.x) * (1.0 - joint_share.y);
 
     // Every slab has its own lightness, as long as a pixel is smaller than a slab.
-    float2 slab = floor(p);
-    float lightness = frac(sin(dot(slab, float2(12.9898, 78.233))) * 43758.5453) - 0.5;
+    int2 slab = int2(floor(p));
+    uint hash = uint(slab.x) * 0x9e3779b9u ^ uint(slab.y) * 0x85ebca6bu;
+    hash = (hash ^ (hash >> 15)) * 0x2c1b3c6du;
+    float lightness = float((hash >> 8) & 0xffu) * (1.0 / 255.0) - 0.5;
     float near_share = saturate(1.5 - 2.0 * max(width.x, width.y));
     float3 albedo = float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
 

@@ -18,26 +18,26 @@
 [[vk::binding(10, 0)]] RWStructuredBuffer<Instance> instances;
 
 // The smallest signed distance that any vertex of a clip may have to a plane is at most this; below 0 it is outside.
-float Support(ClipInfo clip, AgentState agent, float heading_cos, float heading_sin, float4 plane)
+float Support(ClipInfo clip, AgentState agent, float4 plane)
 {
     // The plane's normal in model space: heading is a rotation about +Y.
     float3 n = float3(
-        heading_cos * plane.x - heading_sin * plane.z,
+        agent.heading_cos * plane.x - agent.heading_sin * plane.z,
         plane.y,
-        heading_sin * plane.x + heading_cos * plane.z);
+        agent.heading_sin * plane.x + agent.heading_cos * plane.z);
     float origin = dot(plane.xyz, agent.position) + plane.w;
     float sphere = dot(n, clip.sphere_center) + clip.sphere_radius;
     float box = dot(n, clip.box_center) + dot(abs(n), clip.box_half_extent);
     return origin + agent.scale * min(sphere, box);
 }
 
-float DistanceToSphere(ClipInfo clip, AgentState agent, float heading_cos, float heading_sin)
+float DistanceToSphere(ClipInfo clip, AgentState agent)
 {
     float3 c = clip.sphere_center;
     float3 center = agent.position + agent.scale * float3(
-        heading_cos * c.x + heading_sin * c.z,
+        agent.heading_cos * c.x + agent.heading_sin * c.z,
         c.y,
-        heading_cos * c.z - heading_sin * c.x);
+        agent.heading_cos * c.z - agent.heading_sin * c.x);
     return max(length(center - frame.eye) - agent.scale * clip.sphere_radius, frame.near);
 }
 
@@ -50,13 +50,13 @@ float FramePosition(ClipInfo clip, float phase)
 // An agent's list entry, but for its live vertices.
 Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error)
 {
-    ClipInfo clip0 = clips[character.first_clip + agent.clip0];
-    ClipInfo clip1 = clips[character.first_clip + agent.clip1];
+    ClipInfo clip0 = clips[character.first_clip + (agent.clips & 0xffffu)];
+    ClipInfo clip1 = clips[character.first_clip + (agent.clips >> 16)];
     Instance instance;
     instance.position = agent.position;
     instance.tint_seed = agent.tint_seed;
-    instance.heading_cos = cos(agent.heading) * agent.scale;
-    instance.heading_sin = sin(agent.heading) * agent.scale;
+    instance.heading_cos = agent.heading_cos * agent.scale;
+    instance.heading_sin = agent.heading_sin * agent.scale;
     instance.live_vertex_count = 0u;
 
     float allowed = lod_error * SKINNING_ERROR_SHARE;
@@ -123,15 +123,19 @@ uint LiveVertexCount(SubmeshInfo submesh, float lod_error)
     return low;
 }
 
-// The tightest band that holds this many vertices.
+// The tightest band that holds this many vertices: bands fall.
 uint BandOf(SubmeshInfo submesh, uint live_vertex_count)
 {
-    uint band = 0u;
-    while (band + 1u < submesh.band_count && bands[submesh.first_bin + band + 1u].vertex_count >= live_vertex_count)
+    uint low = 0u;
+    uint high = submesh.band_count - 1u;
+    while (low < high)
     {
-        band += 1u;
+        uint middle = (low + high + 1u) >> 1;
+        bool holds = bands[submesh.first_bin + middle].vertex_count >= live_vertex_count;
+        low = holds ? middle : low;
+        high = holds ? high : middle - 1u;
     }
-    return band;
+    return low;
 }
 
 groupshared uint group_visible;
@@ -153,32 +157,31 @@ void CSCount(uint3 thread : SV_DispatchThreadID, uint local : SV_GroupIndex)
     {
         AgentState agent = agents[index];
         CharacterInfo character = characters[agent.character];
-        ClipInfo clip0 = clips[character.first_clip + agent.clip0];
-        ClipInfo clip1 = clips[character.first_clip + agent.clip1];
-        float heading_cos = cos(agent.heading);
-        float heading_sin = sin(agent.heading);
+        ClipInfo clip0 = clips[character.first_clip + (agent.clips & 0xffffu)];
 
         // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
-        bool blended = agent.blend > 0.0;
-        bool visible = true;
+        float support[6];
+        [unroll]
         for (uint p = 0u; p < 6u; p++)
         {
-            float support = Support(clip0, agent, heading_cos, heading_sin, frame.planes[p]);
-            if (blended)
-            {
-                support = max(support, Support(clip1, agent, heading_cos, heading_sin, frame.planes[p]));
-            }
-            visible = visible && support >= 0.0;
+            support[p] = Support(clip0, agent, frame.planes[p]);
         }
+        float distance = DistanceToSphere(clip0, agent);
+        if (agent.blend > 0.0)
+        {
+            ClipInfo clip1 = clips[character.first_clip + (agent.clips >> 16)];
+            [unroll]
+            for (uint p = 0u; p < 6u; p++)
+            {
+                support[p] = max(support[p], Support(clip1, agent, frame.planes[p]));
+            }
+            distance = min(distance, DistanceToSphere(clip1, agent));
+        }
+        bool visible = min(min(min(support[0], support[1]), min(support[2], support[3])), min(support[4], support[5])) >= 0.0;
 
         uint live_vertices = 0u;
         if (visible)
         {
-            float distance = DistanceToSphere(clip0, agent, heading_cos, heading_sin);
-            if (blended)
-            {
-                distance = min(distance, DistanceToSphere(clip1, agent, heading_cos, heading_sin));
-            }
             bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
             float lod_error = full ? -1.0 : frame.error_per_metre * distance / agent.scale;
             for (uint s = 0u; s < character.submesh_count; s++)

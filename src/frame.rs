@@ -4,6 +4,7 @@ use glam::{Mat4, Vec3};
 use serde::Serialize;
 
 use crate::error::RenderError;
+use crate::gpu_types::AgentState;
 
 /// A character that a renderer knows; given by `add_character`, in rising order from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -41,6 +42,26 @@ impl Default for Agent {
             phases: [0.0, 0.0],
             blend: 0.0,
             tint_seed: 0,
+        }
+    }
+}
+
+impl From<&Agent> for AgentState {
+    /// The GPU's form of an agent; its second clip is the first where it does not count.
+    fn from(agent: &Agent) -> Self {
+        let (heading_sin, heading_cos) = agent.heading.sin_cos();
+        let second = agent.clips[(agent.blend > 0.0) as usize];
+        Self {
+            position: agent.position.into(),
+            heading_cos,
+            heading_sin,
+            scale: agent.scale,
+            character: agent.character.0,
+            clips: agent.clips[0] | (second << 16),
+            phase0: agent.phases[0],
+            phase1: agent.phases[1],
+            blend: agent.blend.clamp(0.0, 1.0),
+            tint_seed: agent.tint_seed,
         }
     }
 }

@@ -77,11 +77,11 @@ shared_structs! {
     /// One member of the crowd.
     struct AgentState {
         position: [f32; 3],
-        heading: f32,
+        heading_cos: f32,
+        heading_sin: f32,
         scale: f32,
         character: u32,
-        clip0: u32,
-        clip1: u32,
+        clips: u32,
         phase0: f32,
         phase1: f32,
         blend: f32,

@@ -258,6 +258,13 @@ fn skin(palette: &[Affine3A], vertex: &Vertex, position: Vec3, influences: usize
 ///
 /// Errors: [`RenderError::BadCharacter`] with the place and the reason.
 pub fn validate(baked: &Baked) -> Result<(), RenderError> {
+    if baked.clips.len() > 1 << 16 {
+        return Err(RenderError::BadCharacter {
+            character: baked.name.clone(),
+            place: "clips".into(),
+            reason: "there are more than 65,536".into(),
+        });
+    }
     throng_bake::validate::validate(baked).map_err(|(place, reason)| RenderError::BadCharacter {
         character: baked.name.clone(),
         place,

@@ -16,24 +16,8 @@ const SIZE: [u32; 2] = [256, 256];
 const POSITION_TOLERANCE: f32 = 1e-4;
 const NORMAL_TOLERANCE: f32 = 1e-3;
 
-/// An agent as `set_agents` hands it on.
-fn state(agent: &Agent) -> AgentState {
-    AgentState {
-        position: agent.position.into(),
-        heading: agent.heading,
-        scale: agent.scale,
-        character: agent.character.0,
-        clip0: agent.clips[0],
-        clip1: agent.clips[(agent.blend > 0.0) as usize],
-        phase0: agent.phases[0],
-        phase1: agent.phases[1],
-        blend: agent.blend,
-        tint_seed: agent.tint_seed,
-    }
-}
-
 fn twin(tables: &Tables, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
-    let states: Vec<AgentState> = agents.iter().map(state).collect();
+    let states: Vec<AgentState> = agents.iter().map(AgentState::from).collect();
     let frame = throng::select::frame_constants(view, options, agents.len() as u32, tables);
     select(tables, &states, &frame)
 }

@@ -544,17 +544,5 @@ fn agent_state(tables: &Tables, index: usize, agent: &Agent) -> Result<AgentStat
     if !finite || agent.scale <= 0.0 {
         return bad("a number is not finite, or its scale is not greater than 0".into());
     }
-    let blended = agent.blend > 0.0;
-    Ok(AgentState {
-        position: agent.position.into(),
-        heading: agent.heading,
-        scale: agent.scale,
-        character: agent.character.0,
-        clip0: agent.clips[0],
-        clip1: agent.clips[blended as usize],
-        phase0: agent.phases[0],
-        phase1: agent.phases[1],
-        blend: agent.blend.clamp(0.0, 1.0),
-        tint_seed: agent.tint_seed,
-    })
+    Ok(AgentState::from(agent))
 }

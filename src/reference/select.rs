@@ -61,29 +61,20 @@ pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) ->
 
 /// A visible agent's LOD error (negative: full detail), or `None` where it is culled.
 fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Option<f32> {
-    let character = &tables.characters[agent.character as usize];
-    let clip0 = &tables.clips[(character.first_clip + agent.clip0) as usize];
-    let clip1 = &tables.clips[(character.first_clip + agent.clip1) as usize];
-    let (heading_sin, heading_cos) = agent.heading.sin_cos();
+    let [clip0, clip1] = clips_of(tables, agent);
     let blended = agent.blend > 0.0;
     for plane in frame.planes.map(Vec4::from_array) {
-        let mut s = support(clip0, agent, heading_cos, heading_sin, plane);
+        let mut s = support(clip0, agent, plane);
         if blended {
-            s = s.max(support(clip1, agent, heading_cos, heading_sin, plane));
+            s = s.max(support(clip1, agent, plane));
         }
         if s < 0.0 {
             return None;
         }
     }
-    let mut distance = distance_to_sphere(clip0, agent, heading_cos, heading_sin, frame);
+    let mut distance = distance_to_sphere(clip0, agent, frame);
     if blended {
-        distance = distance.min(distance_to_sphere(
-            clip1,
-            agent,
-            heading_cos,
-            heading_sin,
-            frame,
-        ));
+        distance = distance.min(distance_to_sphere(clip1, agent, frame));
     }
     Some(if frame.flags & FLAG_FULL_DETAIL != 0 {
         -1.0
@@ -92,18 +83,18 @@ fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Op
     })
 }
 
+/// The clips of an agent.
+fn clips_of<'a>(tables: &'a Tables, agent: &AgentState) -> [&'a ClipInfo; 2] {
+    let first = tables.characters[agent.character as usize].first_clip;
+    [agent.clips & 0xffff, agent.clips >> 16].map(|c| &tables.clips[(first + c) as usize])
+}
+
 /// The greatest signed distance that a vertex of the clip may have to a plane.
-fn support(
-    clip: &ClipInfo,
-    agent: &AgentState,
-    heading_cos: f32,
-    heading_sin: f32,
-    plane: Vec4,
-) -> f32 {
+fn support(clip: &ClipInfo, agent: &AgentState, plane: Vec4) -> f32 {
     let n = Vec3::new(
-        heading_cos * plane.x - heading_sin * plane.z,
+        agent.heading_cos * plane.x - agent.heading_sin * plane.z,
         plane.y,
-        heading_sin * plane.x + heading_cos * plane.z,
+        agent.heading_sin * plane.x + agent.heading_cos * plane.z,
     );
     let origin = plane.truncate().dot(agent.position.into()) + plane.w;
     let sphere = n.dot(clip.sphere_center.into()) + clip.sphere_radius;
@@ -111,20 +102,14 @@ fn support(
     origin + agent.scale * sphere.min(bounds)
 }
 
-fn distance_to_sphere(
-    clip: &ClipInfo,
-    agent: &AgentState,
-    heading_cos: f32,
-    heading_sin: f32,
-    frame: &FrameConstants,
-) -> f32 {
+fn distance_to_sphere(clip: &ClipInfo, agent: &AgentState, frame: &FrameConstants) -> f32 {
     let c = Vec3::from(clip.sphere_center);
     let center = Vec3::from(agent.position)
         + agent.scale
             * Vec3::new(
-                heading_cos * c.x + heading_sin * c.z,
+                agent.heading_cos * c.x + agent.heading_sin * c.z,
                 c.y,
-                heading_cos * c.z - heading_sin * c.x,
+                agent.heading_cos * c.z - agent.heading_sin * c.x,
             );
     ((center - Vec3::from(frame.eye)).length() - agent.scale * clip.sphere_radius).max(frame.near)
 }
@@ -142,8 +127,7 @@ fn make_instance(
     still: bool,
 ) -> Instance {
     let character = &tables.characters[agent.character as usize];
-    let clips =
-        [agent.clip0, agent.clip1].map(|c| &tables.clips[(character.first_clip + c) as usize]);
+    let clips = clips_of(tables, agent);
     let allowed = lod_error * SKINNING_ERROR_SHARE;
     let influence_count = if allowed < character.influences3_error {
         4
@@ -194,11 +178,11 @@ fn make_instance(
     }
     Instance {
         position: agent.position,
-        heading_cos: agent.heading.cos() * agent.scale,
+        heading_cos: agent.heading_cos * agent.scale,
         tint_seed: agent.tint_seed,
         live_vertex_count: 0,
         packed: Instance::pack(influence_count, sample_count as u32, index),
-        heading_sin: agent.heading.sin() * agent.scale,
+        heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
         sample_weights,
     }
