@@ -66,6 +66,7 @@ pub struct Collapse {
     pub vertex: u32,
     /// Where its triangles' corners go.
     pub target: u32,
-    /// Collapse error in bind-space units: how far the surface of this level may be from the full mesh in animated poses.
+    /// Collapse error in bind-space units: the side of a pixel in which the difference between the level that this step
+    /// makes and the full mesh, in animated poses, may hide.
     pub error_m: f32,
 }
