@@ -7,7 +7,7 @@ use serde::Serialize;
 use throng::gpu::{Headless, HeadlessDesc};
 use throng::{FrameOptions, FrameReport, Method, Representation, StageTime};
 
-use super::output::{Table, grouped, median_p95};
+use super::output::{grouped, median_p95};
 use super::shot::Shot;
 
 /// Frames drawn before any is timed: drivers compile shaders at the first draws.
@@ -195,8 +195,8 @@ impl Studio {
 impl std::fmt::Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size_px.map(|x| x / self.supersample);
-        let mut table = Table::default();
-        let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+        let mut rows = Vec::new();
+        let mut row = |name: &str, value: String| rows.push((name.to_string(), value));
         row("device", self.device.clone());
         row("driver", self.driver.clone());
         row("picture", format!("{width} x {height}"));
@@ -217,6 +217,7 @@ impl std::fmt::Display for Report {
             format!("{:.2}, {:.2}", self.frame_ms.median, self.frame_ms.p95),
         );
         row("frames per second", format!("{:.1}", self.fps));
-        write!(f, "{table}")
+        rows.iter()
+            .try_for_each(|(name, value)| writeln!(f, "  {name:22}  {value}"))
     }
 }

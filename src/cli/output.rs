@@ -69,7 +69,6 @@ pub fn grouped(number: u64) -> String {
 }
 
 /// Columns side by side: the first flush left, the others flush right.
-#[derive(Default)]
 pub struct Table {
     rows: Vec<Vec<String>>,
 }
