@@ -42,9 +42,12 @@ const LOOKS_DRIFT: f64 = 1.25;
 const FLIP_WEIGHT: f64 = 1.0;
 /// What a corner of another look does to the faces around it: the mean square of a barycentric coordinate.
 const INTERPOLATED_SHARE: f32 = 1.0 / 6.0;
-/// Error of a level over its root mean square deviation: what nearly all of the surface stays within. At a pixel of error a
-/// crowd of pedestrians then differs from a supersampled one by FLIP as little as one-sample aliasing does, to a tenth.
-const ERROR_FACTOR: f64 = 3.5;
+/// Error of a level over the geometric mean of its root mean square deviation and the character's diagonal.
+///
+/// A silhouette of length L that is off by d shows L * d of wrong colour, so the pixel in which it may hide has a side that
+/// grows with sqrt(L * d). The factor is set so that a level drawn where its error is a pixel adds less than a tenth to the
+/// mean FLIP error that the full mesh has from aliasing, near and far alike.
+const ERROR_FACTOR: f64 = 0.38;
 /// Weight of a change of volume, against moving the faces by as much.
 const VOLUME_WEIGHT: f64 = 3.0;
 /// Cosine of the turn from which a face counts as turned over.
@@ -333,8 +336,9 @@ impl<'a> Simplifier<'a> {
     /// The error of the level that the next steps make. Errors of different points differ, if only by the last bit: any
     /// number of points can then be asked for.
     fn raise_error(&mut self) {
-        let deviation = ERROR_FACTOR * self.samples.deviation();
-        let error = (deviation * self.surface.unit as f64) as f32;
+        // The diagonal is 1 here.
+        let error = ERROR_FACTOR * self.samples.deviation().sqrt();
+        let error = (error * self.surface.unit as f64) as f32;
         self.error = if error > self.error || self.error == 0.0 {
             error.max(self.error)
         } else {

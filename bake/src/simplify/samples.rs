@@ -19,7 +19,7 @@ const HIDDEN_SHARE: f32 = 0.4;
 /// Squared deviation that weighs as much as showing black for white, over the deviation of the level and the character's
 /// size. An outline that is off by `d` shows as `d` times its length; wrong colour shows as its area: so what colour is
 /// worth in squared distances grows with the level's own deviation.
-const LOOKS_LENGTH: f64 = 2.0;
+const LOOKS_LENGTH: f64 = 4.0;
 /// Deviation of a level below which looks are worth no less.
 const LOOKS_LEAST: f64 = 2e-4;
 /// Weight of faces that stand out over the full surface, against samples that the surface is off from.
