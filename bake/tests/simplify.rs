@@ -1,6 +1,6 @@
 //! Merging and simplification on meshes made by hand: what must hold for any character.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
 use throng_bake::character::{Alpha, Character, Image, Joint, Material, Node, Part, Transform};
@@ -360,5 +360,71 @@ fn repeats_of_a_texture_move_home() {
             uv.cmpge(Vec2::ZERO).all() && uv.cmple(Vec2::ONE).all(),
             "{uv}"
         );
+    }
+}
+
+/// A real character's folder and file, or none where the models are not there.
+fn model(name: &str) -> Option<std::path::PathBuf> {
+    let models = std::env::var_os("THRONG_MODELS").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models"),
+        std::path::PathBuf::from,
+    );
+    let path = models.join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: {} is not there", path.display());
+    None
+}
+
+#[test]
+fn real_characters_reach_few_triangles_and_pay_for_positions_not_for_seams() {
+    // Dozens of separate pieces, and a pedestrian with split normals everywhere.
+    for name in ["glb/kaykit_rogue.glb", "glb/ped_man_worker.glb"] {
+        let Some(path) = model(name) else { continue };
+        let c = throng_bake::import::import(&path).expect("import");
+        let mesh = merge(&c).expect("merge");
+        let images: Vec<&Image> = used_images(&c)
+            .into_iter()
+            .map(|i| &c.images[i as usize])
+            .collect();
+        let poses = PoseSet::choose(&c, &mesh, PoseSet::DEFAULT_COUNT);
+        let s = simplify(&mesh, &poses, &images);
+        check(&mesh, &s);
+        for share in [0.06, 0.02] {
+            let count = (mesh.triangles.len() as f64 * share) as usize;
+            // Triangles only ever become fewer.
+            let k = (0..=s.steps.len()).collect::<Vec<_>>();
+            let k = k.partition_point(|&k| triangles_at(&mesh, &s, k).len() > count);
+            let level = triangles_at(&mesh, &s, k);
+            assert!(
+                level.len() + 8 >= count,
+                "{name}: {} of {count}",
+                level.len()
+            );
+            let vertices: HashSet<u32> = level.iter().flatten().copied().collect();
+            let points: HashSet<_> = vertices
+                .iter()
+                .map(|&v| {
+                    let v = v as usize;
+                    let weights = mesh.weights[v].map(f32::to_bits);
+                    (
+                        mesh.positions[v].to_array().map(f32::to_bits),
+                        mesh.joints[v],
+                        weights,
+                    )
+                })
+                .collect();
+            let ratio = vertices.len() as f64 / points.len() as f64;
+            println!(
+                "{name} {share}: {} vertices, {} points",
+                vertices.len(),
+                points.len()
+            );
+            assert!(
+                ratio < 1.2,
+                "{name}: {ratio} vertices per point at {share}"
+            );
+        }
     }
 }
