@@ -39,6 +39,8 @@ const MODULES: &[ModuleRow] = &[
     ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[]),
     ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),
     ("ground_ps", "ground.hlsl", "PSMain", FRAGMENT, &[]),
+    ("shadow_vs", "shadow.hlsl", "VSMain", VERTEX, &[]),
+    ("shadow_ps", "shadow.hlsl", "PSMain", FRAGMENT, &[]),
     ("sky_vs", "sky.hlsl", "VSMain", VERTEX, &[]),
     ("sky_ps", "sky.hlsl", "PSMain", FRAGMENT, &[]),
 ];

@@ -14,6 +14,8 @@
 #define VERTEX_ROW_VERTICES 2048
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
+// A contact shadow's radius as a share of the root of its character's box from above.
+#define SHADOW_SHARE 1.2
 // Selected::bin of a submesh that draws nothing.
 #define BIN_NONE 0xffffffffu
 // Where the tally buffer holds what; the lists' counts follow.
@@ -106,7 +108,8 @@ struct Instance
     uint packed; // influences, 1 to 4, in bits 0-2; frames, 1, 2 or 4, in bits 3-5; agent from bit 6
     float heading_sin; // times scale
     uint4 sample_entries; // first palette entry of each frame
-    float4 sample_weights; // sum to 1
+    float3 sample_weights; // the fourth is what they leave of 1
+    float shadow_radius; // metres; 0 in all but a character's first submesh
 };
 
 // VkDrawIndexedIndirectCommand.

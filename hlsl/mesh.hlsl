@@ -5,6 +5,7 @@
 
 #include "mesh.hlsli"
 #include "color.hlsli"
+#include "instance.hlsli"
 
 #ifdef TEXTURED
 [[vk::binding(4, 1)]] Texture2DArray<float4> albedo_texture; // sRGB-encoded colour, linear alpha
@@ -13,15 +14,6 @@
 
 [[vk::constant_id(0)]] const bool ALPHA_TESTED = false;
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false; // the format encodes, so pixels decode
-
-// One entry of an instance list, as vertex attributes of instance rate.
-struct InstanceAttributes
-{
-    [[vk::location(0)]] float4 position_cos : ATTRIBUTE0;
-    [[vk::location(1)]] uint4 seed_live_packed_sin : ATTRIBUTE1;
-    [[vk::location(2)]] uint4 sample_entries : ATTRIBUTE2;
-    [[vk::location(3)]] float4 sample_weights : ATTRIBUTE3;
-};
 
 struct Interpolants
 {
@@ -69,15 +61,7 @@ float3 LightOn(float3 normal, float3 to_eye, float openness)
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 {
-    Instance instance;
-    instance.position = attributes.position_cos.xyz;
-    instance.heading_cos = attributes.position_cos.w;
-    instance.tint_seed = attributes.seed_live_packed_sin.x;
-    instance.live_vertex_count = attributes.seed_live_packed_sin.y;
-    instance.packed = attributes.seed_live_packed_sin.z;
-    instance.heading_sin = asfloat(attributes.seed_live_packed_sin.w);
-    instance.sample_entries = attributes.sample_entries;
-    instance.sample_weights = attributes.sample_weights;
+    Instance instance = InstanceFrom(attributes);
     PackedVertex v = LoadVertex(LivingAncestor(vertex, instance.live_vertex_count));
     Skinned skinned = SkinVertex(v, instance);
 

@@ -95,7 +95,7 @@ Skinned SkinVertex(PackedVertex v, Instance instance)
             uint entry = (s == 0u ? instance.sample_entries.x : s == 1u ? instance.sample_entries.y
                 : s == 2u ? instance.sample_entries.z : instance.sample_entries.w) + joint;
             float share = weight * (s == 0u ? instance.sample_weights.x : s == 1u ? instance.sample_weights.y
-                : s == 2u ? instance.sample_weights.z : instance.sample_weights.w);
+                : s == 2u ? instance.sample_weights.z : 1.0 - instance.sample_weights.x - instance.sample_weights.y - instance.sample_weights.z);
             int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
             int y = int(entry / PALETTE_ROW_ENTRIES);
             row0 += share * palette_texture.Load(int3(x, y, 0));

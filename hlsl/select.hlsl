@@ -1,6 +1,6 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
 // list per (submesh, band). Three passes: count, scan, scatter. Twin: src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
 // The order within a list is not defined.
 
 #include "gpu_types.hlsli"
@@ -104,7 +104,8 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
     uint sample_count = (nearest ? 1u : 2u) * (both ? 2u : 1u);
     instance.packed = influence_count | (sample_count << 3) | (index << 6);
     instance.sample_entries = frames * character.joint_count;
-    instance.sample_weights = weights;
+    instance.sample_weights = weights.xyz;
+    instance.shadow_radius = SHADOW_SHARE * agent.scale * sqrt(clip0.box_half_extent.x * clip0.box_half_extent.z);
     return instance;
 }
 
@@ -261,6 +262,17 @@ void CSScan(uint local : SV_GroupIndex)
         draws[bin] = draw;
         offset += count;
     }
+    // Behind the last bin: all lists in one draw of 4 vertices, as a VkDrawIndirectCommand, for the shadow stage.
+    if (local == SCAN_GROUP_SIZE - 1u)
+    {
+        DrawCommand all;
+        all.index_count = 4u;
+        all.instance_count = offset;
+        all.first_index = 0u;
+        all.vertex_offset = 0;
+        all.first_instance = 0u;
+        draws[frame.bin_count] = all;
+    }
 }
 
 // Threads: one per agent.
@@ -287,6 +299,7 @@ void CSScatter(uint3 thread : SV_DispatchThreadID)
                 made = true;
             }
             instance.live_vertex_count = choice.live_vertex_count;
+            instance.shadow_radius = s == 0u ? instance.shadow_radius : 0.0;
             instances[draws[choice.bin].first_instance + choice.rank] = instance;
         }
     }

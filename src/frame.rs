@@ -180,6 +180,8 @@ pub struct FrameOptions {
     pub animate: bool,
     /// Draws the ground plane (y = 0).
     pub ground: bool,
+    /// Draws a soft contact shadow under every agent, where the ground is drawn.
+    pub shadows: bool,
     /// Draws the sky behind everything.
     pub sky: bool,
     /// Light.
@@ -193,6 +195,7 @@ impl Default for FrameOptions {
             pixel_error: 1.0,
             animate: true,
             ground: true,
+            shadows: true,
             sky: true,
             light: Light::default(),
         }
@@ -250,7 +253,8 @@ pub struct FrameReport {
     pub visible: u64,
     /// Agents outside.
     pub culled: u64,
-    /// API draw calls recorded: one per submesh of every character that has agents, plus ground and sky.
+    /// API draw calls recorded: one per submesh of every character that has agents, plus ground,
+    /// shadow and sky.
     pub draw_calls: u64,
     /// Instances over all submeshes: entries of the instance lists.
     pub instances: u64,

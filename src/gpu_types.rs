@@ -14,6 +14,8 @@ pub const PALETTE_ROW_ENTRIES: u32 = 1024;
 pub const VERTEX_ROW_VERTICES: u32 = 2048;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
+/// A contact shadow's radius as a share of the root of its character's box from above.
+pub const SHADOW_SHARE: f32 = 1.2;
 /// `Selected::bin` of a submesh that draws nothing.
 pub const BIN_NONE: u32 = u32::MAX;
 /// Place of the visible agents' count in the tally buffer.
@@ -141,7 +143,8 @@ shared_structs! {
         packed: u32,
         heading_sin: f32,
         sample_entries: [u32; 4],
-        sample_weights: [f32; 4],
+        sample_weights: [f32; 3],
+        shadow_radius: f32,
     }
     /// `VkDrawIndexedIndirectCommand`.
     struct DrawCommand {
@@ -205,6 +208,15 @@ impl Instance {
     /// Frames, 1, 2 or 4.
     pub fn sample_count(&self) -> u32 {
         (self.packed >> 3) & 7
+    }
+
+    /// Weight of a frame.
+    pub fn sample_weight(&self, sample: usize) -> f32 {
+        let [a, b, c] = self.sample_weights;
+        self.sample_weights
+            .get(sample)
+            .copied()
+            .unwrap_or(1.0 - a - b - c)
     }
 
     /// Place in the crowd.

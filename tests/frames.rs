@@ -126,8 +126,8 @@ fn uninstanced_draws_the_same_picture_as_full() {
     assert_eq!(differing(&picture, &other, 1), 0);
     assert_eq!(full.visible, uninstanced.visible);
     assert_eq!(full.triangles, uninstanced.triangles);
-    assert_eq!(uninstanced.draw_calls, uninstanced.instances + 2);
-    assert_eq!(full.draw_calls, 2 + 2);
+    assert_eq!(uninstanced.draw_calls, uninstanced.instances + 3);
+    assert_eq!(full.draw_calls, 2 + 3);
     assert_silent(&headless);
 }
 
@@ -175,8 +175,8 @@ fn draw_calls_do_not_depend_on_the_number_of_agents() {
     let calls: Vec<u64> = [100, 10_000, 100_000]
         .map(|n| frame(&mut headless, &crowd(n, &[id]), &options(Method::Lod)).draw_calls)
         .into();
-    // Two submeshes, the ground and the sky.
-    assert_eq!(calls, [4, 4, 4]);
+    // Two submeshes, the ground, the shadows and the sky.
+    assert_eq!(calls, [5, 5, 5]);
     assert_silent(&headless);
 }
 

@@ -254,6 +254,7 @@ fn shared_numbers_are_equal() {
         ("PALETTE_ROW_ENTRIES", t::PALETTE_ROW_ENTRIES as f64),
         ("VERTEX_ROW_VERTICES", t::VERTEX_ROW_VERTICES as f64),
         ("SKINNING_ERROR_SHARE", t::SKINNING_ERROR_SHARE as f64),
+        ("SHADOW_SHARE", t::SHADOW_SHARE as f64),
         ("BIN_NONE", t::BIN_NONE as f64),
         ("TALLY_VISIBLE", t::TALLY_VISIBLE as f64),
         ("TALLY_LIVE_VERTICES_LOW", t::TALLY_LIVE_VERTICES_LOW as f64),
@@ -265,7 +266,7 @@ fn shared_numbers_are_equal() {
         ("FLAG_FULL_DETAIL", t::FLAG_FULL_DETAIL as f64),
         ("FLAG_STILL", t::FLAG_STILL as f64),
     ] {
-        assert_eq!(value(name), host, "{name}");
+        assert_eq!(value(name) as f32, host as f32, "{name}");
     }
 }
 

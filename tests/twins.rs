@@ -76,7 +76,8 @@ fn alike(g: &Instance, c: &Instance) -> bool {
         && near(g.heading_sin, c.heading_sin)
         && g.packed == c.packed
         && g.sample_entries[..n] == c.sample_entries[..n]
-        && (0..n).all(|i| near(g.sample_weights[i], c.sample_weights[i]))
+        && (0..n).all(|i| near(g.sample_weight(i), c.sample_weight(i)))
+        && near(g.shadow_radius, c.shadow_radius)
 }
 
 fn render(headless: &mut Headless, agents: &[Agent], options: &FrameOptions) -> Selection {
@@ -151,6 +152,7 @@ fn a_corrupted_selection_is_found() {
     });
     corrupt(&|s| s.instances[0].sample_weights[0] += 0.01);
     corrupt(&|s| s.instances[0].sample_entries[0] += 1);
+    corrupt(&|s| s.instances[0].shadow_radius += 0.01);
 }
 
 /// The largest difference of positions and of normals.

@@ -273,6 +273,16 @@ impl<'a> Commands<'a> {
         };
     }
 
+    /// One draw of a `VkDrawIndirectCommand` at a byte offset.
+    pub fn draw_indirect(&mut self, arguments: &Buffer, offset: u64) {
+        self.draw_calls += 1;
+        unsafe {
+            self.context
+                .device
+                .cmd_draw_indirect(self.cmd, arguments.handle, offset, 1, 0)
+        };
+    }
+
     pub fn draw_indexed(&mut self, index_count: u32, first_index: u32, instance: u32) {
         self.draw_calls += 1;
         unsafe {

@@ -49,6 +49,7 @@ pub(crate) struct Pipelines {
     pub scatter: vk::Pipeline,
     pub probe: vk::Pipeline,
     pub ground: vk::Pipeline,
+    pub shadow: vk::Pipeline,
     pub sky: vk::Pipeline,
     pub sampler: vk::Sampler,
     mesh: HashMap<MeshVariant, vk::Pipeline>,
@@ -79,6 +80,8 @@ struct DrawState<'a> {
     cull: vk::CullModeFlags,
     topology: vk::PrimitiveTopology,
     depth_write: bool,
+    /// Multiplies the target by one minus alpha instead of replacing it.
+    darkens: bool,
 }
 
 impl Pipelines {
@@ -136,6 +139,20 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
                 depth_write: true,
+                darkens: false,
+            },
+        )?;
+        self.shadow = self.graphics(
+            cx,
+            &DrawState {
+                name: "shadow",
+                modules: ["shadow_vs", "shadow_ps"],
+                instanced: true,
+                constants: &[srgb],
+                cull: vk::CullModeFlags::NONE,
+                topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
+                depth_write: false,
+                darkens: true,
             },
         )?;
         self.sky = self.graphics(
@@ -148,6 +165,7 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: false,
+                darkens: false,
             },
         )?;
         let info = vk::SamplerCreateInfo::default()
@@ -204,6 +222,7 @@ impl Pipelines {
                 },
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: true,
+                darkens: false,
             },
         )?;
         self.mesh.insert(variant, pipeline);
@@ -286,7 +305,12 @@ impl Pipelines {
                 vk::CompareOp::LESS_OR_EQUAL
             });
         let attachment = [vk::PipelineColorBlendAttachmentState::default()
-            .color_write_mask(vk::ColorComponentFlags::RGBA)];
+            .color_write_mask(vk::ColorComponentFlags::RGBA)
+            .blend_enable(state.darkens)
+            .src_color_blend_factor(vk::BlendFactor::ZERO)
+            .dst_color_blend_factor(vk::BlendFactor::ONE_MINUS_SRC_ALPHA)
+            .src_alpha_blend_factor(vk::BlendFactor::ZERO)
+            .dst_alpha_blend_factor(vk::BlendFactor::ONE)];
         let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment);
         let dynamic = vk::PipelineDynamicStateCreateInfo::default()
             .dynamic_states(&[vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR]);
@@ -334,6 +358,7 @@ impl Pipelines {
                 self.scatter,
                 self.probe,
                 self.ground,
+                self.shadow,
                 self.sky,
             ] {
                 d.destroy_pipeline(pipeline, None);

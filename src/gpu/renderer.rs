@@ -418,6 +418,12 @@ impl Renderer {
             c.label("ground", |c| crate::ground::record(c, &drawing));
         }
         stamp(c, slot, Stamp::GroundEnd);
+        if recorded.options.ground && recorded.options.shadows {
+            c.label("shadow", |c| {
+                crate::shadow::record(c, &drawing, recorded.cpu.as_ref(), recorded.bins)
+            });
+        }
+        stamp(c, slot, Stamp::ShadowEnd);
         if recorded.options.sky {
             c.label("sky", |c| crate::sky::record(c, &drawing));
         }

@@ -154,7 +154,8 @@ impl Renderer {
                 ("select", Stamp::SelectBegin, Stamp::SelectEnd),
                 ("mesh", Stamp::DrawBegin, Stamp::MeshEnd),
                 ("ground", Stamp::MeshEnd, Stamp::GroundEnd),
-                ("sky", Stamp::GroundEnd, Stamp::SkyEnd),
+                ("shadow", Stamp::GroundEnd, Stamp::ShadowEnd),
+                ("sky", Stamp::ShadowEnd, Stamp::SkyEnd),
             ] {
                 let ticks = ticks[to as usize].saturating_sub(ticks[from as usize]);
                 times.push(StageTime {

@@ -157,7 +157,7 @@ pub(crate) fn check(
         ),
         (
             color_format,
-            vk::FormatFeatureFlags::COLOR_ATTACHMENT,
+            vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND,
             "the colour target",
         ),
         (

@@ -20,6 +20,7 @@ pub(crate) enum Stamp {
     DrawBegin,
     MeshEnd,
     GroundEnd,
+    ShadowEnd,
     SkyEnd,
     Count,
 }
@@ -437,7 +438,8 @@ impl SlotBuffers {
 pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
-        shape.bins as u64 * size_of::<DrawCommand>() as u64,
+        // One more for the draw of all lists.
+        (shape.bins as u64 + 1) * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
     ]
     .map(|bytes| bytes.next_multiple_of(16))

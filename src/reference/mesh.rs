@@ -75,7 +75,7 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, instance: &Instance) -> Skinned {
         for s in 0..instance.sample_count() as usize {
             let entry = &baked.palette[instance.sample_entries[s] as usize + joint as usize];
             for (row, from) in rows.iter_mut().zip(entry.rows) {
-                *row += weight * instance.sample_weights[s] * Vec4::from_array(from);
+                *row += weight * instance.sample_weight(s) * Vec4::from_array(from);
             }
         }
     }

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants,
-    Instance, SKINNING_ERROR_SHARE, SubmeshInfo,
+    Instance, SHADOW_SHARE, SKINNING_ERROR_SHARE, SubmeshInfo,
 };
 use crate::prepare::Tables;
 
@@ -33,14 +33,15 @@ pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) ->
         let character = &tables.characters[agent.character as usize];
         let still = frame.flags & FLAG_STILL != 0;
         let instance = make_instance(tables, index as u32, agent, lod_error, still);
-        for submesh in &tables.submeshes[character.first_submesh as usize..]
-            [..character.submesh_count as usize]
-        {
+        let submeshes = &tables.submeshes[character.first_submesh as usize..]
+            [..character.submesh_count as usize];
+        for (s, submesh) in submeshes.iter().enumerate() {
             let (bin, live_vertex_count) = choose_band(tables, submesh, lod_error);
             if bin != BIN_NONE {
                 selection.live_vertices += live_vertex_count as u64;
                 lists[bin as usize].push(Instance {
                     live_vertex_count,
+                    shadow_radius: if s == 0 { instance.shadow_radius } else { 0.0 },
                     ..instance
                 });
             }
@@ -184,7 +185,10 @@ fn make_instance(
         packed: Instance::pack(influence_count, sample_count as u32, index),
         heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
-        sample_weights,
+        sample_weights: [sample_weights[0], sample_weights[1], sample_weights[2]],
+        shadow_radius: SHADOW_SHARE
+            * agent.scale
+            * (clips[0].box_half_extent[0] * clips[0].box_half_extent[2]).sqrt(),
     }
 }
 
