@@ -80,7 +80,16 @@ fn people_differ() {
 
 #[test]
 fn the_surface_has_no_holes() {
-    for c in everybody() {
+    // Somebody's own parameters, near the ends of their ranges.
+    let own = people::parameters("old_man").unwrap();
+    let own = own
+        .replace("girth = 1.04", "girth = 1.35\ncurves = 1.0")
+        .replace("\"flat\"", "\"cap\"")
+        .replace("\"trousers\"", "\"leggings\"")
+        .replace("height = 1.70", "height = 1.3");
+    let own = people::build_from_toml("own", &own).unwrap();
+    own.validate(Path::new("own")).unwrap();
+    for c in everybody().iter().chain([&own]) {
         // Parts meet at bit-equal positions: over positions, every edge has two triangles in opposite directions.
         let mut edges = std::collections::BTreeMap::new();
         for part in &c.parts {

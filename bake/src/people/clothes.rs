@@ -32,10 +32,11 @@ pub fn layers(figure: &Figure, clothes: &Clothes, paints: &Paints) -> Vec<Layer>
     let mut out = bottom(figure, clothes.bottom, paints);
     let tops = tops::top(figure, clothes.top, paints);
     if let Some(paint) = paints.belt {
-        // A dress or coat is belted at the waist, trousers at the hips.
+        // A dress or coat is belted at the waist, trousers and skirts at the hips, where a loose top would hide it.
         let (around, y) = match clothes.top {
             Top::Dress | Top::Coat => (tops.first(), 1.090),
-            _ => (out.first(), 1.022),
+            Top::Suit | Top::Blouse => (out.first(), 1.022),
+            _ => (None, 0.0),
         };
         let belt = around.map(|around| belt(around, paint, y));
         out.extend(belt);
@@ -126,7 +127,7 @@ fn bottom(figure: &Figure, bottom: Bottom, paints: &Paints) -> Vec<Layer> {
                 ];
                 let bind = figure.leg_bind(side);
                 let prim = loft(hip, knee - hip, Vec3::Z, rings, 2.0, 0.03, &bind);
-                prims.push(apart(prim, side, 0.78));
+                prims.push(apart(prim, side, 0.78, 0.005));
             }
             (prims, 0.600)
         }

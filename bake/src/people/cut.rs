@@ -41,7 +41,7 @@ pub fn project(model: &Model, active: &Active, p: Vec3, reach: f32) -> Vec3 {
     let mut q = p;
     for _ in 0..4 {
         let (d, layer) = model.distance(q, Some(active));
-        if d.abs() < 1e-5 {
+        if d.abs() < 3e-5 {
             break;
         }
         let prims = prims_of(active, layer);

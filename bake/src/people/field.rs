@@ -463,10 +463,17 @@ impl Model {
         best
     }
 
-    /// What can shape the surface within `radius` of `center`; `None` where there is none. Primitives are not quite exact
-    /// distances: the margin allows gradients of up to 1.5.
-    pub fn active(&self, center: Vec3, radius: f32, within: Option<&Active>) -> Option<Active> {
-        let reach = 1.5 * radius;
+    /// What can shape the surface within `margin` of a ball around `center`; `None` where the ball has no surface.
+    /// Primitives are not quite exact distances: the bounds allow for gradients of up to 2, which thin ellipsoids have.
+    pub fn active(
+        &self,
+        center: Vec3,
+        radius: f32,
+        margin: f32,
+        within: Option<&Active>,
+    ) -> Option<Active> {
+        let empty = 2.0 * radius;
+        let reach = 1.5 * (radius + margin);
         let all: Active;
         let within = match within {
             Some(w) => w,
@@ -482,7 +489,7 @@ impl Model {
             .map(|(i, prims)| self.layers[*i as usize].distance(center, Some(prims)))
             .collect();
         let nearest = distances.iter().copied().fold(f32::MAX, f32::min);
-        if nearest.abs() > reach {
+        if nearest.abs() > empty {
             return None;
         }
         let mut out = Active::new();
@@ -497,7 +504,11 @@ impl Model {
                 .filter(|&k| {
                     let prim = &layer.prims[k as usize];
                     let low = prim.below(center).max(prim.distance(center) / 1.2) - reach;
-                    low <= layer.offset.abs() + prim.blend + reach
+                    match prim.op {
+                        // It reaches the layer as it stands, plus the blend.
+                        Op::Union => low <= d + layer.offset + reach + prim.blend,
+                        Op::Carve => low <= layer.offset.abs() + prim.blend + reach,
+                    }
                 })
                 .collect();
             if !kept.is_empty() {

@@ -314,7 +314,8 @@ impl Figure {
         let (hip, ankle) = (self.leg(side, 0), self.leg(side, 2));
         let bind = self.leg_bind(side);
         let prim = loft(hip, ankle - hip, Vec3::Z, rings, 2.0, 0.045, &bind);
-        apart(prim, side, 0.80)
+        // Skin stays behind cloth where thighs touch.
+        apart(prim, side, 0.80, (0.011 - 0.5 * extra).max(0.004))
     }
 
     /// One bare foot, for low shoes.
@@ -396,10 +397,10 @@ impl Figure {
     }
 }
 
-/// A leg that joins the trunk and stays on its side below `crotch`.
-pub fn apart(mut leg: Prim, side: f32, crotch: f32) -> Prim {
+/// A leg that joins the trunk and stays `gap` away from the middle below `crotch`.
+pub fn apart(mut leg: Prim, side: f32, crotch: f32, gap: f32) -> Prim {
     leg.fade = Some((crotch - 0.01, crotch + 0.07));
-    leg.clipped(move |p| (0.006 - side * p.x).min(crotch - p.y))
+    leg.clipped(move |p| (gap - side * p.x).min(crotch - p.y))
 }
 
 /// Weights that pass from one joint of a chain to the next around each bound, (place along `axis`, half the width).

@@ -107,8 +107,10 @@ fn blocks(model: &Model, low: Vec3, high: Vec3, step: f32) -> Vec<Block> {
         .into_par_iter()
         .filter_map(|c| {
             let middle = low + (c.as_vec3() + 0.5) * (BLOCK * COARSE) as f32 * step;
-            let radius = half_diagonal(BLOCK * COARSE) + step;
-            model.active(middle, radius, None).map(|a| (c, a))
+            let radius = half_diagonal(BLOCK * COARSE);
+            model
+                .active(middle, radius, 2.0 * step, None)
+                .map(|a| (c, a))
         })
         .collect();
     let fine: Vec<(IVec3, usize)> = near
@@ -119,8 +121,8 @@ fn blocks(model: &Model, low: Vec3, high: Vec3, step: f32) -> Vec<Block> {
     fine.into_par_iter()
         .filter_map(|(block, parent)| {
             let middle = low + (block.as_vec3() + 0.5) * BLOCK as f32 * step;
-            let radius = half_diagonal(BLOCK) + 2.0 * step;
-            let active = model.active(middle, radius, Some(&near[parent].1))?;
+            let radius = half_diagonal(BLOCK);
+            let active = model.active(middle, radius, 2.0 * step, Some(&near[parent].1))?;
             let made = sample(model, active, block * BLOCK, low, step);
             (!made.cells.is_empty() || !made.crossings.is_empty()).then_some(made)
         })

@@ -361,7 +361,10 @@ fn suit(figure: &Figure, paints: &Paints) -> Vec<Layer> {
     if let Some(tie) = paints.tie {
         shirt.mark(tie, |p| {
             let width = 0.014 + 0.075 * (1.42 - p.y).clamp(0.0, 0.3);
-            (p.x.abs() - width).max(-p.z).max(p.y - 1.45)
+            (p.x.abs() - width)
+                .max(-p.z)
+                .max(p.y - 1.45)
+                .max(1.10 - p.y)
         });
         let trunk = figure.trunk_bind();
         let knot = ellipsoid(
