@@ -99,7 +99,12 @@ fn goldens() {
         ("crowd_full", crowd(400, &[id]), Method::Full),
         ("empty", Vec::new(), Method::Lod),
     ] {
-        frame(&mut headless, &agents, &options(method));
+        // Where shadows overlap, a CPU driver rounds them in the order of the lists, which is not defined.
+        let options = FrameOptions {
+            shadows: agents.len() < 10,
+            ..options(method)
+        };
+        frame(&mut headless, &agents, &options);
         check_golden(&mut headless, name);
     }
     assert_silent(&headless);

@@ -47,7 +47,7 @@ const INTERPOLATED_SHARE: f32 = 1.0 / 6.0;
 /// A silhouette of length L that is off by d shows L * d of wrong colour, so the pixel in which it may hide has a side that
 /// grows with sqrt(L * d). The factor is set so that a level drawn where its error is a pixel adds less than a tenth to the
 /// mean FLIP error that the full mesh has from aliasing, near and far alike.
-const ERROR_FACTOR: f64 = 0.38;
+const ERROR_FACTOR: f64 = 0.4;
 /// Weight of a change of volume, against moving the faces by as much.
 const VOLUME_WEIGHT: f64 = 3.0;
 /// Cosine of the turn from which a face counts as turned over.
@@ -90,8 +90,8 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet, images: &[&Image]) -> CollapseSequ
             Action::Collapse { .. } if simplifier.out_of_date(best.point) => {
                 simplifier.propose(best.point);
             }
-            // Faces may have grown since: then it costs more by now.
-            Action::Twin { .. } if simplifier.twin_costs_more(&best) => {
+            // Faces may have grown since, then it costs more by now; or one of the wedges died with its last face.
+            Action::Twin { .. } if simplifier.twin_out_of_date(&best) => {
                 simplifier.enqueue(best.point);
             }
             _ => simplifier.perform(best),
@@ -225,9 +225,10 @@ impl<'a> Simplifier<'a> {
             || self.samples.look_weight() > LOOKS_DRIFT * self.weighed[point as usize]
     }
 
-    fn twin_costs_more(&mut self, proposal: &Proposal) -> bool {
-        self.best_twin(proposal.point)
-            .is_none_or(|twin| twin.0 > proposal.cost + 1e-9 * proposal.cost.abs())
+    fn twin_out_of_date(&mut self, proposal: &Proposal) -> bool {
+        self.best_twin(proposal.point).is_none_or(|(cost, action)| {
+            action != proposal.action || cost > proposal.cost + 1e-9 * proposal.cost.abs()
+        })
     }
 
     /// What moving `point` onto `target` may cost; none where it may not.
@@ -410,6 +411,8 @@ impl<'a> Simplifier<'a> {
         touched.dedup();
         for &p in &touched {
             self.drop_bare_wedges(p, target);
+            // Also one that lost its only edge to the target, or it would still mean to collapse onto the dead point.
+            self.dirty[p as usize] = true;
         }
         self.surface.neighbors(target, &mut touched);
         for p in touched {
