@@ -243,3 +243,26 @@ fn mesh_agrees_on_a_real_character() {
     compare_meshes(&mut headless, &baked, &crowd(100, &[id]), 2.0);
     assert_silent(&headless);
 }
+
+#[test]
+fn with_bands_a_vertex_shader_run_follows_few_parents() {
+    let character = throng::bake::people::build("man_suit").expect("built in");
+    let bake = |single_window| {
+        let options = throng::bake::bake::BakeOptions {
+            single_window,
+            ..Default::default()
+        };
+        let (baked, _) =
+            throng::bake::bake::bake(&character, &options, &mut |_| {}).expect("bakes");
+        let live = baked.submeshes[0].vertex_count;
+        let hops = |k: u32| throng::reference::mesh::mean_hops(&baked, 0, k);
+        (3..live).step_by(7).map(hops).fold(0.0, f64::max)
+    };
+    let (banded, single) = (bake(false), bake(true));
+    assert!(banded <= 2.0, "{banded} parents at the worst level");
+    assert!(
+        single > banded,
+        "the paper's single window follows {single}"
+    );
+    println!("parents at the worst level: {banded:.2} with bands, {single:.2} in one window");
+}

@@ -22,7 +22,7 @@ fn everybody() -> &'static [Character] {
 }
 
 fn is_animal(c: &Character) -> bool {
-    c.materials.iter().any(|m| m.name == "Coat") && !c.materials.iter().any(|m| m.name == "Skin")
+    c.materials.iter().any(|m| m.name == "Fur") && !c.materials.iter().any(|m| m.name == "Skin")
 }
 
 /// Every vertex in model space at a time of a clip.

@@ -353,7 +353,7 @@ fn head() -> Vec<Prim> {
 }
 
 fn model(dog: &Dog, palette: &mut Palette) -> Model {
-    let coat = palette.paint("Coat", dog.coat);
+    let coat = palette.paint("Fur", dog.coat);
     let markings = palette.paint("Markings", dog.markings);
     let nose = palette.paint("Nose", Color([28, 24, 24]));
     let eyes = palette.paint("Eyes", Color([40, 22, 12]));
