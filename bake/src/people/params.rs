@@ -88,7 +88,10 @@ pub struct Head {
 /// Cut of the hair.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Hair {
     Bald,
     Fringe,
@@ -104,7 +107,10 @@ pub enum Hair {
 /// Beard.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Beard {
     #[default]
     None,
@@ -115,7 +121,10 @@ pub enum Beard {
 /// Worn on the head.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Hat {
     #[default]
     None,
@@ -157,7 +166,10 @@ pub struct Clothes {
 /// Upper body.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Top {
     Suit,
     Shirt,
@@ -173,7 +185,10 @@ pub enum Top {
 /// Lower body.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Bottom {
     Trousers,
     Jeans,
@@ -186,7 +201,10 @@ pub enum Bottom {
 /// Feet.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
+#[allow(
+    missing_docs,
+    reason = "the names say it; assets/characters/README.md describes them"
+)]
 pub enum Shoes {
     Leather,
     Sneakers,
