@@ -5,6 +5,7 @@ mod commands;
 mod context;
 mod headless;
 mod memory;
+mod own_device;
 mod pipeline;
 mod probe;
 mod renderer;
@@ -14,7 +15,8 @@ mod resident;
 pub mod shaders;
 mod slot;
 
-pub use headless::{DeviceInfo, Headless, HeadlessDesc, list_devices, tune_allocator_for_cpu};
+pub use headless::{Headless, HeadlessDesc};
+pub use own_device::{DeviceInfo, list_devices, tune_allocator_for_cpu};
 pub use renderer::{DeviceHandles, Renderer, RendererDesc};
 
 pub(crate) use commands::{Access, Commands};
