@@ -123,6 +123,7 @@ pub fn bake(
         submeshes: sliding.submeshes,
         vertices,
         error_max: sequence.steps.last().map_or(0.0, |s| s.error_m),
+        impostors: None,
         collapse: sliding.collapse,
         bands: sliding.bands,
         indices: sliding.indices,

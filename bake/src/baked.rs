@@ -46,6 +46,8 @@ pub struct Baked {
     pub textures: TextureArray,
     /// Largest collapse error, bind-space units.
     pub error_max: f32,
+    /// Pictures for far agents, where they were captured.
+    pub impostors: Option<crate::impostor::Impostors>,
 }
 
 /// A draw: vertices, bands and the state they need.

@@ -240,6 +240,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Baked, FileError> {
         nodes: meta.nodes,
         joints: meta.joints,
         error_max: meta.error_max,
+        impostors: None,
     };
     validate::validate(&baked).map_err(|(place, reason)| malformed(&place, reason))?;
     Ok(baked)

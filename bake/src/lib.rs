@@ -14,6 +14,7 @@ pub mod export;
 pub mod file;
 pub mod glb;
 pub mod import;
+pub mod impostor;
 pub mod merge;
 pub mod mesh;
 pub mod palette;

@@ -171,6 +171,7 @@ pub fn baked_sheets(side: usize, form: BandForm) -> Baked {
         joints: character.joints,
         source_clips: character.clips,
         error_max: 1.0,
+        impostors: None,
         ..Baked::default()
     }
 }
