@@ -45,8 +45,8 @@ pub struct BakeTimes {
     pub stage_ms: Vec<(&'static str, f64)>,
 }
 
-/// Ratios of live vertices from band to band that are tried until the bytes per vertex fit; near the square root of 2
-/// first (fewest dead vertices drawn).
+/// Greatest ratios of live vertices from band to band that are tried until the bytes per vertex fit; near the square root
+/// of 2 first (fewest vanished triangles drawn).
 const BAND_RATIOS: [f32; 6] = [std::f32::consts::SQRT_2, 1.5, 1.6, 1.75, 2.0, 2.5];
 
 /// Poses in which simplification measures its error: more cost time and gain nothing measurable.

@@ -1,6 +1,7 @@
 //! Sliding-Tris: puts vertices in the order in which they die, so that vertex i is alive while i < k, and cuts index
 //! windows. Source: Ramos et al. 2012, §3.1; it differs in the bands: pre-collapsed windows at geometrically spaced k,
-//! so that an instance indexes only live vertices and the vertex shader follows few parents.
+//! closer the coarser they are, so that an instance indexes only live vertices, draws few triangles that have vanished at
+//! its level, and the vertex shader follows few parents.
 
 use std::collections::HashSet;
 
@@ -11,8 +12,8 @@ use crate::mesh::{CollapseSequence, Mesh};
 /// How a submesh's triangles are cut into index windows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BandForm {
-    /// Windows of their own, every corner moved to its living ancestor, each with about 1/ratio of the vertices of the
-    /// one before.
+    /// Windows of their own, every corner moved to its living ancestor, each with 1/ratio of the vertices of the one
+    /// before, or with more where that is cheap: see [`step_ratio`].
     Collapsed {
         /// Greater than 1; near the square root of 2.
         ratio: f32,
@@ -39,6 +40,20 @@ pub struct SlidingTris {
 
 /// Fewest live vertices of a band that is not the last: below this a narrower window saves nothing.
 const MIN_BAND_VERTICES: u32 = 12;
+/// Share of the vertices above which all bands are a whole ratio apart.
+const WIDE_SHARE: f32 = 0.25;
+/// The closest that bands stand, as a power of the ratio: every band is a sub-draw, and its cost is not nothing.
+const CLOSEST_POWER: f32 = 0.25;
+
+/// Ratio of live vertices from the band with `live` of `vertex_count` vertices to the next.
+///
+/// An instance draws triangles that have vanished between its band's level and its own, in proportion to the logarithm of
+/// the ratio; a band's bytes are in proportion to its vertices. If crowds draw as many triangles at every scale, the fewest
+/// are wasted for given bytes where the logarithm of the ratio goes with the square root of the live vertices.
+pub fn step_ratio(ratio: f32, live: u32, vertex_count: u32) -> f32 {
+    let share = live as f32 / vertex_count.max(1) as f32;
+    ratio.powf((share / WIDE_SHARE).sqrt().clamp(CLOSEST_POWER, 1.0))
+}
 
 /// Orders `mesh` by `sequence` and cuts its windows. Deterministic.
 ///
@@ -200,7 +215,8 @@ impl Windows<'_> {
         let mut counts = vec![n];
         let mut last = n;
         while last > MIN_BAND_VERTICES {
-            let wanted = ((last as f32 / ratio).floor() as u32).max(MIN_BAND_VERTICES);
+            let step = step_ratio(ratio, last, n);
+            let wanted = ((last as f32 / step).floor() as u32).max(MIN_BAND_VERTICES);
             let live = self.at_error_change(wanted);
             if live == last || live == 0 {
                 break;

@@ -6,7 +6,9 @@ use std::collections::BTreeSet;
 
 use common::{random_sequence, sheets};
 use throng_bake::mesh::{Collapse, CollapseSequence, Mesh};
-use throng_bake::sliding_tris::{BandForm, SlidingTris, ancestor, live_count, order, triangles_at};
+use throng_bake::sliding_tris::{
+    BandForm, SlidingTris, ancestor, live_count, order, step_ratio, triangles_at,
+};
 
 const COLLAPSED: BandForm = BandForm::Collapsed {
     ratio: std::f32::consts::SQRT_2,
@@ -104,6 +106,28 @@ fn a_band_shows_what_the_full_window_shows_and_indexes_only_living_vertices() {
             );
         }
     }
+}
+
+#[test]
+fn coarse_bands_stand_closer_than_fine_ones() {
+    let ratio = std::f32::consts::SQRT_2;
+    let steps: Vec<f32> = [1000, 250, 60, 15, 4]
+        .map(|live| step_ratio(ratio, live, 1000))
+        .to_vec();
+    assert_eq!(steps[0], ratio);
+    assert!(steps.is_sorted_by(|a, b| a >= b), "{steps:?}");
+    // A quarter of the logarithm and no less: bands are draws.
+    assert!((steps[4] - ratio.powf(0.25)).abs() < 1e-6, "{steps:?}");
+    assert!(steps.iter().all(|&s| s > 1.0));
+
+    let mesh = sheets(24);
+    let sliding = order(&mesh, &random_sequence(&mesh, 5), COLLAPSED).unwrap();
+    let submesh = &sliding.submeshes[0];
+    let bands = &sliding.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+    let step = |w: &[throng_bake::baked::Band]| w[0].vertex_count as f32 / w[1].vertex_count as f32;
+    assert!(step(&bands[..2]) > 1.3, "{bands:?}");
+    let coarse = bands.partition_point(|b| b.vertex_count * 8 > submesh.vertex_count);
+    assert!(step(&bands[coarse..]) < 1.3, "{bands:?}");
 }
 
 #[test]
