@@ -37,6 +37,8 @@ const MODULES: &[ModuleRow] = &[
     ("mesh_textured_double_vs", "mesh.hlsl", "VSMain", VERTEX, &["TEXTURED", "DOUBLE_SIDED"]),
     ("mesh_textured_double_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["TEXTURED", "DOUBLE_SIDED"]),
     ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[]),
+    ("impostor_vs", "impostor.hlsl", "VSMain", VERTEX, &[]),
+    ("impostor_ps", "impostor.hlsl", "PSMain", FRAGMENT, &[]),
     ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),
     ("ground_ps", "ground.hlsl", "PSMain", FRAGMENT, &[]),
     ("shadow_vs", "shadow.hlsl", "VSMain", VERTEX, &[]),

@@ -12,6 +12,10 @@
 #define PALETTE_ROW_ENTRIES 1024
 // Vertices in a row of the vertex texture: 2 texels each; of the collapse texture: 1 texel each.
 #define VERTEX_ROW_VERTICES 2048
+// Texels in a row of a character's impostor texture.
+#define IMPOSTOR_ROW_TEXELS 1024
+// Added to an impostor's mip before rounding: below 0 is sharper.
+#define IMPOSTOR_MIP_BIAS -0.25
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
 // A contact shadow's radius as a share of the root of its character's box from above.
@@ -104,7 +108,7 @@ struct Instance
     float3 position; // world
     float heading_cos; // times scale
     uint tint_seed;
-    uint live_vertex_count;
+    uint live_vertex_count; // of an impostor: the bits of its fade
     uint packed; // influences, 1 to 4, in bits 0-2; frames, 1, 2 or 4, in bits 3-5; agent from bit 6
     float heading_sin; // times scale
     uint4 sample_entries; // first palette entry of each frame
@@ -141,20 +145,23 @@ struct FrameConstants
     float3 haze;
     float haze_per_metre;
     uint flags;
+    float pixel_angle; // metres in a pixel per metre of distance
     uint padding0;
     uint padding1;
-    uint padding2;
 };
 
 // A character's constants for drawing.
 struct CharacterConstants
 {
     float3 position_min;
-    float padding0;
+    uint first_view_texel; // in the impostor texture
     float3 position_extent;
-    float padding1;
+    uint first_tile_texel;
     float2 uv_min;
     float2 uv_extent;
+    float2 atlas_size; // texels of the impostors' pictures
+    float last_mip;
+    float padding;
 };
 
 // Push constants of a submesh's draw.

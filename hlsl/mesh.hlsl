@@ -6,6 +6,7 @@
 #include "mesh.hlsli"
 #include "color.hlsli"
 #include "instance.hlsli"
+#include "light.hlsli"
 
 #ifdef TEXTURED
 [[vk::binding(4, 1)]] Texture2DArray<float4> albedo_texture; // sRGB-encoded colour, linear alpha
@@ -27,38 +28,6 @@ struct Interpolants
 #endif
 };
 
-uint Hash(uint x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    x ^= x >> 16;
-    return x;
-}
-
-// Colour variety. Rule 0 leaves the colour, 1 varies lightness and warmth a little, 2 dyes it.
-float3 TintedColor(float3 color, uint tint_seed, uint body_part, uint rule)
-{
-    uint h = Hash(tint_seed ^ (body_part * 0x9e3779b9u));
-    float3 r = float3(h & 0x3ffu, (h >> 10) & 0x3ffu, h >> 20) * float3(1.0 / 1023.0, 1.0 / 1023.0, 1.0 / 4095.0);
-    float3 natural = color * (0.62 + 0.55 * r.x) * float3(1.04, 1.0, 0.9 + 0.14 * r.y);
-    float3 hue = saturate(abs(frac(r.x + float3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0);
-    float3 dye = lerp(float3(1.0, 1.0, 1.0), hue, 0.15 + 0.6 * r.y * r.y) * (0.12 + 1.1 * r.z * r.z);
-    float3 dyed = dye * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
-    return rule == 0u ? color : rule == 1u ? natural : dyed;
-}
-
-// Sun with a slight wrap, sky and ground by the normal's height, a rim of sky, darker near the ground.
-float3 LightOn(float3 normal, float3 to_eye, float openness)
-{
-    float sun = saturate(dot(normal, frame.to_sun) * 0.85 + 0.15);
-    float3 hemisphere = lerp(frame.ground, frame.sky, normal.y * 0.5 + 0.5);
-    float rim = 1.0 - saturate(dot(normal, to_eye));
-    rim *= rim;
-    return frame.sun * sun + (hemisphere + frame.sky * (0.35 * rim * rim)) * openness;
-}
-
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 {
     Instance instance = InstanceFrom(attributes);
@@ -72,15 +41,16 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float3 to_eye = frame.eye - skinned.position;
     float distance = length(to_eye);
     to_eye /= max(distance, 1e-6);
-    float openness = 0.5 + 0.5 * saturate((skinned.position.y - instance.position.y) * 1.2);
+    float openness = Openness(skinned.position.y - instance.position.y);
+    float3 cosines = float3(dot(skinned.normal, frame.to_sun), skinned.normal.y, dot(skinned.normal, to_eye));
     float haze = HazeShare(distance, frame.haze_per_metre);
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(skinned.position, 1.0));
-    float3 front = lerp(color.rgb * LightOn(skinned.normal, to_eye, openness), frame.haze, haze);
+    float3 front = lerp(color.rgb * LightOn(cosines.x, cosines.y, cosines.z, openness), frame.haze, haze);
     o.color = float4(SrgbFromLinear(front), color.a);
 #ifdef DOUBLE_SIDED
-    float3 back = lerp(color.rgb * LightOn(-skinned.normal, to_eye, openness), frame.haze, haze);
+    float3 back = lerp(color.rgb * LightOn(-cosines.x, -cosines.y, -cosines.z, openness), frame.haze, haze);
     o.color_back = SrgbFromLinear(back);
 #endif
 #ifdef TEXTURED

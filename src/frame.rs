@@ -136,9 +136,15 @@ impl View {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Continuous levels of detail, one instanced indirect draw per submesh.
+    /// By projected height the cheapest representation whose error is allowed: meshes near, impostors far.
     #[default]
+    Hybrid,
+    /// Meshes only: continuous levels of detail, one instanced indirect draw per submesh.
     Lod,
+    /// Impostors with a quad per group of joints, for every character that has them.
+    Flat,
+    /// Impostors of one quad, for every character that has them.
+    Quad,
     /// The same draws with every vertex: the finest band, all influences, all frames interpolated.
     Full,
     /// Full detail, one draw per agent and submesh recorded by the CPU: what crowds cost without instancing.
@@ -174,7 +180,7 @@ impl Default for Light {
 pub struct FrameOptions {
     /// How the crowd is drawn.
     pub method: Method,
-    /// Largest error of the level of detail in pixels of the view's height; `Lod` only, at least 0.
+    /// Largest error of a representation in pixels of the view's height, at least 0; `Full` and `Uninstanced` have none.
     pub pixel_error: f32,
     /// False freezes every agent in its clips' first frame without interpolation or blending (paper figure 3a).
     pub animate: bool,
@@ -192,7 +198,7 @@ pub struct FrameOptions {
 impl Default for FrameOptions {
     fn default() -> Self {
         Self {
-            method: Method::Lod,
+            method: Method::Hybrid,
             pixel_error: 1.0,
             animate: true,
             ground: true,

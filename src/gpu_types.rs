@@ -12,6 +12,10 @@ pub const SCAN_GROUP_SIZE: u32 = 256;
 pub const PALETTE_ROW_ENTRIES: u32 = 1024;
 /// Vertices in a row of the vertex texture, 2 texels each, and of the collapse texture, 1 texel each.
 pub const VERTEX_ROW_VERTICES: u32 = 2048;
+/// Texels in a row of a character's impostor texture.
+pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
+/// Added to an impostor's mip before rounding: below 0 is sharper.
+pub const IMPOSTOR_MIP_BIAS: f32 = -0.25;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
 /// A contact shadow's radius as a share of the root of its character's box from above.
@@ -57,7 +61,7 @@ macro_rules! shared_structs {
     ($($(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty,)* })*) => {
         $(
             $(#[$meta])*
-            #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+            #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
             #[repr(C)]
             #[allow(missing_docs)] // the fields are explained in hlsl/gpu_types.hlsli
             pub struct $name { $(pub $field: $type,)* }
@@ -172,18 +176,21 @@ shared_structs! {
         haze: [f32; 3],
         haze_per_metre: f32,
         flags: u32,
+        pixel_angle: f32,
         padding0: u32,
         padding1: u32,
-        padding2: u32,
     }
     /// A character's constants for drawing.
     struct CharacterConstants {
         position_min: [f32; 3],
-        padding0: f32,
+        first_view_texel: u32,
         position_extent: [f32; 3],
-        padding1: f32,
+        first_tile_texel: u32,
         uv_min: [f32; 2],
         uv_extent: [f32; 2],
+        atlas_size: [f32; 2],
+        last_mip: f32,
+        padding: f32,
     }
     /// Push constants of a submesh's draw.
     struct DrawConstants {

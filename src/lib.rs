@@ -34,6 +34,7 @@ pub mod frame;
 pub mod gpu;
 pub mod gpu_types;
 pub mod ground;
+pub mod impostor;
 pub mod mesh;
 pub mod prepare;
 pub mod reference;

@@ -8,7 +8,7 @@ use crate::gpu_types::DrawConstants;
 use crate::reference::select::Selection;
 
 const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
-const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+pub(crate) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
     vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
 

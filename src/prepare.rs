@@ -7,6 +7,7 @@ use throng_bake::quantize::{decode_position, decode_weights};
 
 use crate::error::RenderError;
 use crate::gpu_types::{BandInfo, CharacterConstants, CharacterInfo, ClipInfo, SubmeshInfo};
+use crate::impostor;
 
 /// The tables of the select stage: all characters one after the other. Grows, never shrinks.
 #[derive(Debug, Clone, Default)]
@@ -19,7 +20,7 @@ pub struct Tables {
     pub clip_counts: Vec<u32>,
     /// Submeshes of all characters.
     pub submeshes: Vec<SubmeshInfo>,
-    /// Bands of all submeshes; a band's place here is its bin.
+    /// Bands of all submeshes, and behind those of a character the windows of its impostor kinds; the place here is the bin.
     pub bands: Vec<BandInfo>,
     /// Collapse errors of all vertices.
     pub collapse_errors: Vec<f32>,
@@ -83,6 +84,7 @@ impl Tables {
         }));
         self.collapse_errors
             .extend(baked.collapse.iter().map(|c| c.error));
+        self.bands.extend(impostor::windows(baked));
     }
 }
 
@@ -144,13 +146,18 @@ pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
 
 /// Constants of the character's draws.
 pub fn constants(baked: &Baked) -> CharacterConstants {
+    let texels = impostor::texels(baked.impostors.as_ref());
+    let atlas = baked.impostors.as_ref().map(|i| &i.atlas);
     CharacterConstants {
         position_min: baked.position_min.into(),
-        padding0: 0.0,
+        first_view_texel: texels.first_view,
         position_extent: baked.position_extent.into(),
-        padding1: 0.0,
+        first_tile_texel: texels.first_tile,
         uv_min: baked.uv_min.into(),
         uv_extent: baked.uv_extent.into(),
+        atlas_size: atlas.map_or([1.0; 2], |a| [a.width as f32, a.height as f32]),
+        last_mip: atlas.map_or(0.0, |a| a.mip_count.saturating_sub(1) as f32),
+        padding: 0.0,
     }
 }
 

@@ -24,7 +24,7 @@ pub fn frame_constants(
     let clip_from_world = view.clip_from_world();
     let light = &options.light;
     let mut flags = 0;
-    if options.method != Method::Lod {
+    if matches!(options.method, Method::Full | Method::Uninstanced) {
         flags |= FLAG_FULL_DETAIL;
     }
     if !options.animate {
@@ -47,9 +47,9 @@ pub fn frame_constants(
         haze: (light.sky * HAZE_OF_SKY).into(),
         haze_per_metre: HAZE_PER_METRE,
         flags,
+        pixel_angle: view.pixel_angle(),
         padding0: 0,
         padding1: 0,
-        padding2: 0,
     }
 }
 

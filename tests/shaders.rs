@@ -255,6 +255,8 @@ fn shared_numbers_are_equal() {
         ("VERTEX_ROW_VERTICES", t::VERTEX_ROW_VERTICES as f64),
         ("SKINNING_ERROR_SHARE", t::SKINNING_ERROR_SHARE as f64),
         ("SHADOW_SHARE", t::SHADOW_SHARE as f64),
+        ("IMPOSTOR_ROW_TEXELS", t::IMPOSTOR_ROW_TEXELS as f64),
+        ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("BIN_NONE", t::BIN_NONE as f64),
         ("TALLY_VISIBLE", t::TALLY_VISIBLE as f64),
         ("TALLY_LIVE_VERTICES_LOW", t::TALLY_LIVE_VERTICES_LOW as f64),

@@ -17,10 +17,14 @@ pub const WARM_UP_FRAMES: usize = 2;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MethodName {
-    /// The cheapest representation that looks right; today that is always `lod`, as there are no impostors yet
+    /// By projected height the cheapest representation whose error is allowed: meshes near, impostors far
     Hybrid,
-    /// Continuous levels of detail, one instanced draw per submesh
+    /// Meshes only: continuous levels of detail, one instanced draw per submesh
     Lod,
+    /// Impostors with a quad per group of joints, for every character that has them
+    Flat,
+    /// Impostors of one quad, for every character that has them
+    Quad,
     /// The same instanced draws, everybody at full detail
     Full,
     /// Full detail, and one draw per agent and submesh
@@ -30,7 +34,10 @@ pub enum MethodName {
 impl MethodName {
     fn to_method(self) -> Method {
         match self {
-            Self::Hybrid | Self::Lod => Method::Lod,
+            Self::Hybrid => Method::Hybrid,
+            Self::Lod => Method::Lod,
+            Self::Flat => Method::Flat,
+            Self::Quad => Method::Quad,
             Self::Full => Method::Full,
             Self::Uninstanced => Method::Uninstanced,
         }

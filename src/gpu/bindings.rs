@@ -9,7 +9,7 @@ pub enum Kind {
     Uniform,
     /// `StructuredBuffer`, `RWStructuredBuffer`.
     Storage,
-    /// `Texture2D`, `Texture2DArray`.
+    /// `Texture2D`, `Texture2DArray`, `TextureCubeArray`.
     Image,
     /// `SamplerState`.
     Sampler,
@@ -35,8 +35,11 @@ pub const SELECT: &[Kind] = &[
 ];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
-/// Character constants, vertices, collapse, palette, texture array and its sampler.
-pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
+/// Character constants, vertices, collapse, palette, texture array and its sampler; impostor texture, cells and their
+/// sampler, the atlas's colour and surface.
+pub const CHARACTER: &[Kind] = &[
+    Uniform, Image, Image, Image, Image, Sampler, Image, Image, Sampler, Image, Image,
+];
 /// The probe's output.
 pub const PROBE: &[Kind] = &[Storage];
 

@@ -6,7 +6,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::commands::{Access, Commands};
-use super::memory::{Buffer, Image, ImageDesc};
+use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::own_device::{OwnDevice, tune_allocator_for_cpu};
 use super::renderer::{DeviceHandles, Renderer, RendererDesc};
 use crate::error::RenderError;
@@ -296,7 +296,7 @@ impl Target {
             },
             mips: 1,
             layers: 1,
-            array: false,
+            shape: ImageShape::Plain,
             usage: U::COLOR_ATTACHMENT | U::TRANSFER_SRC,
             aspect: vk::ImageAspectFlags::COLOR,
         };

@@ -26,6 +26,15 @@ pub(crate) struct Image {
     allocation: Option<Allocation>,
 }
 
+/// How shaders see an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ImageShape {
+    Plain,
+    Array,
+    /// Six layers per cube.
+    CubeArray,
+}
+
 /// What to make an image of.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ImageDesc {
@@ -33,7 +42,7 @@ pub(crate) struct ImageDesc {
     pub extent: vk::Extent2D,
     pub mips: u32,
     pub layers: u32,
-    pub array: bool,
+    pub shape: ImageShape,
     pub usage: vk::ImageUsageFlags,
     pub aspect: vk::ImageAspectFlags,
 }
@@ -112,6 +121,10 @@ impl Context {
     pub fn create_image(&self, name: &str, desc: &ImageDesc) -> Result<Image, RenderError> {
         let full_name = self.full_name(name);
         let info = vk::ImageCreateInfo::default()
+            .flags(match desc.shape {
+                ImageShape::CubeArray => vk::ImageCreateFlags::CUBE_COMPATIBLE,
+                _ => vk::ImageCreateFlags::empty(),
+            })
             .image_type(vk::ImageType::TYPE_2D)
             .format(desc.format)
             .extent(desc.extent.into())
@@ -150,10 +163,10 @@ impl Context {
                 let view = vk::ImageViewCreateInfo::default()
                     .image(handle)
                     .format(desc.format)
-                    .view_type(if desc.array {
-                        vk::ImageViewType::TYPE_2D_ARRAY
-                    } else {
-                        vk::ImageViewType::TYPE_2D
+                    .view_type(match desc.shape {
+                        ImageShape::Plain => vk::ImageViewType::TYPE_2D,
+                        ImageShape::Array => vk::ImageViewType::TYPE_2D_ARRAY,
+                        ImageShape::CubeArray => vk::ImageViewType::CUBE_ARRAY,
                     })
                     .subresource_range(vk::ImageSubresourceRange {
                         aspect_mask: desc.aspect,

@@ -48,10 +48,12 @@ pub(crate) struct Pipelines {
     pub scan: vk::Pipeline,
     pub scatter: vk::Pipeline,
     pub probe: vk::Pipeline,
+    pub impostor: vk::Pipeline,
     pub ground: vk::Pipeline,
     pub shadow: vk::Pipeline,
     pub sky: vk::Pipeline,
     pub sampler: vk::Sampler,
+    pub nearest_sampler: vk::Sampler,
     mesh: HashMap<MeshVariant, vk::Pipeline>,
     formats: Formats,
 }
@@ -129,6 +131,19 @@ impl Pipelines {
         self.scatter = compute(cx, "select_scatter", self.select_layout)?;
         self.probe = compute(cx, "mesh_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
+        self.impostor = self.graphics(
+            cx,
+            &DrawState {
+                name: "impostor",
+                modules: ["impostor_vs", "impostor_ps"],
+                instanced: true,
+                constants: &[srgb],
+                cull: vk::CullModeFlags::NONE,
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                depth_write: true,
+                darkens: false,
+            },
+        )?;
         self.ground = self.graphics(
             cx,
             &DrawState {
@@ -168,16 +183,8 @@ impl Pipelines {
                 darkens: false,
             },
         )?;
-        let info = vk::SamplerCreateInfo::default()
-            .mag_filter(vk::Filter::LINEAR)
-            .min_filter(vk::Filter::LINEAR)
-            .mipmap_mode(vk::SamplerMipmapMode::NEAREST)
-            .max_lod(vk::LOD_CLAMP_NONE);
-        // SAFETY: the context's device is alive.
-        self.sampler = unsafe { cx.device.create_sampler(&info, None) }.map_err(
-            RenderError::vulkan(cx.full_name("albedo"), "vkCreateSampler"),
-        )?;
-        cx.set_name(self.sampler, "albedo");
+        self.sampler = sampler(cx, "linear sampler", vk::Filter::LINEAR)?;
+        self.nearest_sampler = sampler(cx, "nearest sampler", vk::Filter::NEAREST)?;
         Ok(())
     }
 
@@ -357,6 +364,7 @@ impl Pipelines {
                 self.scan,
                 self.scatter,
                 self.probe,
+                self.impostor,
                 self.ground,
                 self.shadow,
                 self.sky,
@@ -364,6 +372,7 @@ impl Pipelines {
                 d.destroy_pipeline(pipeline, None);
             }
             d.destroy_sampler(self.sampler, None);
+            d.destroy_sampler(self.nearest_sampler, None);
             for layout in [self.select_layout, self.draw_layout, self.probe_layout] {
                 d.destroy_pipeline_layout(layout, None);
             }
@@ -402,6 +411,20 @@ fn instance_attributes() -> [vk::VertexInputAttributeDescription; 4] {
     .collect::<Vec<_>>()
     .try_into()
     .unwrap_or_default()
+}
+
+/// A sampler that takes the nearest mip.
+fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, RenderError> {
+    let info = vk::SamplerCreateInfo::default()
+        .mag_filter(filter)
+        .min_filter(filter)
+        .mipmap_mode(vk::SamplerMipmapMode::NEAREST)
+        .max_lod(vk::LOD_CLAMP_NONE);
+    // SAFETY: the context's device is alive.
+    let sampler = unsafe { cx.device.create_sampler(&info, None) }
+        .map_err(RenderError::vulkan(cx.full_name(name), "vkCreateSampler"))?;
+    cx.set_name(sampler, name);
+    Ok(sampler)
 }
 
 fn stage<'a>(
@@ -510,8 +533,8 @@ fn pipeline_layout(
     Ok(layout)
 }
 
-/// A pool for `sets` sets with room for `buffers` storage buffers, as many uniform buffers as sets, and 4 images and a
-/// sampler per set.
+/// A pool for `sets` sets with room for `buffers` storage buffers, as many uniform buffers as sets, and the images and
+/// samplers of a character per set.
 pub(crate) fn descriptor_pool(
     cx: &Context,
     name: &str,
@@ -521,8 +544,8 @@ pub(crate) fn descriptor_pool(
     let sizes = [
         (vk::DescriptorType::UNIFORM_BUFFER, sets),
         (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
-        (vk::DescriptorType::SAMPLED_IMAGE, 4 * sets),
-        (vk::DescriptorType::SAMPLER, sets),
+        (vk::DescriptorType::SAMPLED_IMAGE, 8 * sets),
+        (vk::DescriptorType::SAMPLER, 2 * sets),
     ]
     .map(|(ty, count)| vk::DescriptorPoolSize {
         ty,

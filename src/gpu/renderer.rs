@@ -410,10 +410,14 @@ impl Renderer {
         c.label("mesh", |c| {
             crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
         });
+        stamp(c, slot, Stamp::MeshEnd);
+        if recorded.cpu.is_none() {
+            c.label("impostor", |c| crate::impostor::record(c, &drawing));
+        }
         if statistics {
             c.end_query(slot.statistics);
         }
-        stamp(c, slot, Stamp::MeshEnd);
+        stamp(c, slot, Stamp::ImpostorEnd);
         if recorded.options.ground {
             c.label("ground", |c| crate::ground::record(c, &drawing));
         }

@@ -153,7 +153,8 @@ impl Renderer {
             for (stage, from, to) in [
                 ("select", Stamp::SelectBegin, Stamp::SelectEnd),
                 ("mesh", Stamp::DrawBegin, Stamp::MeshEnd),
-                ("ground", Stamp::MeshEnd, Stamp::GroundEnd),
+                ("impostor", Stamp::MeshEnd, Stamp::ImpostorEnd),
+                ("ground", Stamp::ImpostorEnd, Stamp::GroundEnd),
                 ("shadow", Stamp::GroundEnd, Stamp::ShadowEnd),
                 ("sky", Stamp::ShadowEnd, Stamp::SkyEnd),
             ] {

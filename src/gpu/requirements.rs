@@ -24,6 +24,7 @@ pub struct Features {
 pub fn features(pipeline_statistics: bool) -> Features {
     Features {
         core: vk::PhysicalDeviceFeatures::default()
+            .image_cube_array(true)
             .multi_draw_indirect(true)
             .draw_indirect_first_instance(true)
             .pipeline_statistics_query(pipeline_statistics),
@@ -84,6 +85,11 @@ pub(crate) fn check(
             core.multi_draw_indirect,
             "multiDrawIndirect",
             "one draw call per submesh",
+        ),
+        (
+            core.image_cube_array,
+            "imageCubeArray",
+            "the view cells of impostors",
         ),
         (
             core.draw_indirect_first_instance,

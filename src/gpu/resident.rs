@@ -3,13 +3,16 @@
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use throng_bake::baked::Baked;
+use throng_bake::impostor::{Atlas, CUBE_SIZE};
 
+use super::bindings::{self, Kind};
 use super::commands::{Access, Commands};
 use super::context::Context;
-use super::memory::{Buffer, Image, ImageDesc};
+use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines, allocate_set, descriptor_pool, write_buffers};
 use crate::error::RenderError;
-use crate::gpu_types::{PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
+use crate::gpu_types::{IMPOSTOR_ROW_TEXELS, PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
+use crate::impostor;
 use crate::prepare::{self, SubmeshDraw};
 
 /// Uploaded once, read by every frame.
@@ -17,6 +20,9 @@ pub(crate) struct Resident {
     pub draws: Vec<SubmeshDraw>,
     /// First of its bands in the tables.
     pub first_bin: u32,
+    /// Its bands; the bins of its impostor kinds follow.
+    pub band_count: u32,
+    pub impostor_bin_count: u32,
     /// First of its submeshes in the tables.
     pub first_submesh: u32,
     pub indices: Buffer,
@@ -150,7 +156,14 @@ pub(crate) fn make(
         ),
     ];
     for (what, format, width, (copies, height)) in rows {
-        made.image(&name(what), format, [width, height], 1, 1, false)?;
+        made.image(
+            &name(what),
+            format,
+            [width, height],
+            1,
+            1,
+            ImageShape::Plain,
+        )?;
         images.push(copies);
     }
     let (size, mips, layers, copies) = stage_textures(&mut staging, baked);
@@ -160,12 +173,16 @@ pub(crate) fn make(
         size,
         mips,
         layers,
-        true,
+        ImageShape::Array,
     )?;
     images.push(copies);
+    make_impostors(&mut made, &mut staging, &mut images, baked)?;
 
-    let index_offset = staging.push(&baked.indices);
-    let index_bytes = size_of_val(&baked.indices[..]) as u64;
+    let quad_count = baked.impostors.as_ref().map_or(0, |i| i.quads.len() as u32);
+    let mut indices = baked.indices.clone();
+    indices.extend(impostor::indices(quad_count));
+    let index_offset = staging.push(&indices);
+    let index_bytes = size_of_val(&indices[..]) as u64;
     use vk::BufferUsageFlags as U;
     made.buffer(
         &name("indices"),
@@ -202,10 +219,12 @@ pub(crate) fn make(
         set,
         &[(vk::DescriptorType::UNIFORM_BUFFER, constants.handle)],
     );
-    write_images(cx, set, &resident_images, pipelines.sampler);
+    write_images(cx, set, &resident_images, pipelines);
     let resident = Resident {
         draws,
         first_bin,
+        band_count: baked.bands.len() as u32,
+        impostor_bin_count: impostor::windows(baked).len() as u32,
         first_submesh,
         indices,
         set,
@@ -253,39 +272,130 @@ fn stage_textures(
     ([t.width, t.height], t.mip_count, t.layer_count + 1, copies)
 }
 
-fn write_images(cx: &Context, set: vk::DescriptorSet, images: &[Image], sampler: vk::Sampler) {
-    let infos: Vec<_> = images
-        .iter()
-        .map(|image| {
-            [vk::DescriptorImageInfo {
-                sampler: vk::Sampler::null(),
-                image_view: image.view,
+/// Makes the impostor texture, the cells and the two pictures of the atlas; of one texel where there are none.
+fn make_impostors(
+    made: &mut Made,
+    staging: &mut Staging,
+    images: &mut Vec<Vec<vk::BufferImageCopy>>,
+    baked: &Baked,
+) -> Result<(), RenderError> {
+    let name = |what: &str| format!("{} {what}", baked.name);
+    let impostors = baked.impostors.as_ref();
+    let texels = impostor::texels(impostors).texels;
+    let (copies, rows) = staging.push_rows(&texels, IMPOSTOR_ROW_TEXELS);
+    made.image(
+        &name("impostors"),
+        vk::Format::R32G32B32A32_SFLOAT,
+        [IMPOSTOR_ROW_TEXELS, rows],
+        1,
+        1,
+        ImageShape::Plain,
+    )?;
+    images.push(copies);
+
+    // Halves hold whole numbers up to 2,048.
+    let nothing = vec![[0u16; 4]; 6];
+    let sets: Vec<&[[u16; 4]]> = match impostors {
+        Some(i) => i.view_sets.iter().map(|s| &s.cells[..]).collect(),
+        None => vec![&nothing],
+    };
+    let size = if impostors.is_some() { CUBE_SIZE } else { 1 };
+    let layers = 6 * sets.len() as u32;
+    let mut copies = Vec::new();
+    for (set, cells) in (0..).zip(sets) {
+        let face = (size * size) as usize;
+        for (side, texels) in (0..).zip(cells.chunks_exact(face)) {
+            let halves: Vec<[u16; 4]> = texels.iter().map(|t| t.map(half)).collect();
+            let offset = staging.push(&halves);
+            copies.push(copy(offset, 0, [size, size], 6 * set + side));
+        }
+    }
+    made.image(
+        &name("cells"),
+        vk::Format::R16G16B16A16_SFLOAT,
+        [size, size],
+        1,
+        layers,
+        ImageShape::CubeArray,
+    )?;
+    images.push(copies);
+
+    let blank = Atlas {
+        width: 1,
+        height: 1,
+        mip_count: 1,
+        color: vec![[0; 4]],
+        surface: vec![[0; 4]],
+    };
+    let atlas = impostors.map_or(&blank, |i| &i.atlas);
+    for (what, pixels) in [
+        ("impostor colours", &atlas.color),
+        ("impostor surfaces", &atlas.surface),
+    ] {
+        let mut copies = Vec::new();
+        let mut first = 0;
+        for mip in 0..atlas.mip_count {
+            let size = [(atlas.width >> mip).max(1), (atlas.height >> mip).max(1)];
+            let count = size[0] as usize * size[1] as usize;
+            let offset = staging.push(&pixels[first..][..count]);
+            copies.push(copy(offset, mip, size, 0));
+            first += count;
+        }
+        made.image(
+            &name(what),
+            vk::Format::R8G8B8A8_UNORM,
+            [atlas.width, atlas.height],
+            atlas.mip_count,
+            1,
+            ImageShape::Plain,
+        )?;
+        images.push(copies);
+    }
+    Ok(())
+}
+
+/// A whole number below 2,048 as a half.
+fn half(n: u16) -> u16 {
+    match n {
+        0 => 0,
+        n => {
+            let exponent = 15 - n.leading_zeros() as u16;
+            ((exponent + 15) << 10) | ((n << (10 - exponent)) & 0x3ff)
+        }
+    }
+}
+
+/// Writes a character's images, in the order they were made, and the samplers to where `bindings::CHARACTER` has them.
+fn write_images(cx: &Context, set: vk::DescriptorSet, images: &[Image], pipelines: &Pipelines) {
+    let mut images = images.iter().map(|image| image.view);
+    let mut samplers = [pipelines.sampler, pipelines.nearest_sampler].into_iter();
+    let infos: Vec<_> = (0u32..)
+        .zip(bindings::CHARACTER)
+        .filter_map(|(binding, kind)| {
+            let (sampler, view) = match kind {
+                Kind::Image => (None, images.next()),
+                Kind::Sampler => (samplers.next(), None),
+                Kind::Uniform | Kind::Storage => return None,
+            };
+            let info = vk::DescriptorImageInfo {
+                sampler: sampler.unwrap_or_default(),
+                image_view: view.unwrap_or_default(),
                 image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-            }]
+            };
+            Some((binding, kind.descriptor_type(), [info]))
         })
         .collect();
-    let samplers = [vk::DescriptorImageInfo {
-        sampler,
-        ..Default::default()
-    }];
-    let mut writes: Vec<_> = (1u32..)
-        .zip(&infos)
-        .map(|(i, info)| {
+    let writes: Vec<_> = infos
+        .iter()
+        .map(|(binding, ty, info)| {
             vk::WriteDescriptorSet::default()
                 .dst_set(set)
-                .dst_binding(i)
-                .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
+                .dst_binding(*binding)
+                .descriptor_type(*ty)
                 .image_info(info)
         })
         .collect();
-    writes.push(
-        vk::WriteDescriptorSet::default()
-            .dst_set(set)
-            .dst_binding(1 + images.len() as u32)
-            .descriptor_type(vk::DescriptorType::SAMPLER)
-            .image_info(&samplers),
-    );
-    // SAFETY: views and sampler are alive; the set is new.
+    // SAFETY: views and samplers are alive; the set is new.
     unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
 }
 
@@ -349,7 +459,7 @@ impl Made<'_> {
         size: [u32; 2],
         mips: u32,
         layers: u32,
-        array: bool,
+        shape: ImageShape,
     ) -> Result<(), RenderError> {
         let capabilities = &self.cx.capabilities;
         for (needed, limit, unit) in [
@@ -380,7 +490,7 @@ impl Made<'_> {
                 },
                 mips,
                 layers,
-                array,
+                shape,
                 usage: vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST,
                 aspect: vk::ImageAspectFlags::COLOR,
             },
@@ -420,5 +530,19 @@ impl Drop for Made<'_> {
         for buffer in self.buffers.drain(..) {
             self.cx.destroy_buffer(buffer);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::half;
+
+    #[test]
+    fn whole_numbers_become_halves() {
+        // By the definition of binary16: 1 is exponent 15, and the fraction has 10 bits.
+        assert_eq!(
+            [0, 1, 2, 3, 92, 1023, 2047].map(half),
+            [0, 0x3c00, 0x4000, 0x4200, 0x55c0, 0x63fe, 0x67ff]
+        );
     }
 }

@@ -19,6 +19,7 @@ pub(crate) enum Stamp {
     SelectEnd,
     DrawBegin,
     MeshEnd,
+    ImpostorEnd,
     GroundEnd,
     ShadowEnd,
     SkyEnd,

@@ -1,0 +1,78 @@
+// impostor: draws every quad of an impostor kind of every agent that shows it; a sub-draw per kind.
+// In: instance lists of the select stage (live_vertex_count is the fade's bits; without joints sample_entries.x is the pose).
+// Vertex numbers: 4 per quad.
+
+#include "impostor.hlsli"
+#include "color.hlsli"
+#include "instance.hlsli"
+#include "light.hlsli"
+
+[[vk::binding(5, 1)]] SamplerState atlas_sampler;
+[[vk::binding(9, 1)]] Texture2D<float4> color_texture; // sRGB-encoded colour, coverage
+[[vk::binding(10, 1)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
+
+[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
+
+struct Interpolants
+{
+    float4 position : SV_Position;
+    float4 uv_depth : TEXCOORD0; // atlas; clip-space z and w
+    float height : TEXCOORD1; // metres above the agent's ground
+    nointerpolation float4 sun_mip : TEXCOORD2; // towards the sun in the picture's axes; mip
+    nointerpolation float4 up_haze : TEXCOORD3; // world +Y in the picture's axes; haze's share
+    nointerpolation uint4 depth_fade_seed : TEXCOORD4; // floats: z and w of a step from the far to the near end of the depths, fade
+};
+
+Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+{
+    Instance instance = InstanceFrom(attributes);
+    uint quad = vertex >> 2;
+    // Steady over frames, different for every agent and quad.
+    float random = float(Hash((instance.packed >> 6) ^ (quad * 0x9e3779b9u)) >> 8) * (1.0 / 16777216.0);
+    Placed placed = PlaceQuad(instance, quad, vertex & 3u, random);
+
+    Interpolants o;
+    o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
+    o.uv_depth = float4(placed.uv, o.position.zw);
+    o.height = placed.corner.y - instance.position.y;
+    float3 sun = frame.to_sun;
+    o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
+    float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
+    o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
+    float2 step = mul(frame.clip_from_world, float4(placed.towards * (2.0 * placed.depth_extent), 0.0)).zw;
+    o.depth_fade_seed = uint4(asuint(step.x), asuint(step.y), instance.live_vertex_count, instance.tint_seed);
+    return o;
+}
+
+// A threshold in (0, 1) by pixel: an ordered 4x4 pattern.
+float DitherThreshold(float2 pixel)
+{
+    uint2 p = uint2(pixel);
+    uint x = p.x ^ p.y;
+    uint index = ((x & 1u) << 3) | ((p.y & 1u) << 2) | (x & 2u) | ((p.y & 2u) >> 1);
+    return (float(index) + 0.5) * (1.0 / 16.0);
+}
+
+float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
+{
+    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_depth.xy, i.sun_mip.w);
+    // A fade above 0 draws that share of the pixels, one below 0 the rest of its opposite.
+    float fade = asfloat(i.depth_fade_seed.z);
+    float threshold = DitherThreshold(i.position.xy);
+    bool shown = fade >= 0.0 ? threshold < fade : threshold >= -fade;
+    if (color.a < 0.5 || !shown)
+    {
+        discard;
+    }
+    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_depth.xy, i.sun_mip.w);
+    float2 xy = (surface.xy * 255.0 - 128.0) * (1.0 / 127.0);
+    float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
+    uint part = uint(surface.z * 255.0 + 0.5);
+    float3 albedo = TintedColor(LinearFromSrgb(color.rgb), i.depth_fade_seed.w, part & 63u, part >> 6);
+    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.height));
+    float3 lit = lerp(albedo * light, frame.haze, i.up_haze.w);
+
+    float2 zw = i.uv_depth.zw + asfloat(i.depth_fade_seed.xy) * (surface.w - 0.5);
+    depth = saturate(zw.x / max(zw.y, 1e-6));
+    return float4(SRGB_TARGET ? lit : SrgbFromLinear(lit), 1.0);
+}
