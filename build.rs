@@ -39,6 +39,8 @@ const MODULES: &[ModuleRow] = &[
     ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[]),
     ("impostor_vs", "impostor.hlsl", "VSMain", VERTEX, &[]),
     ("impostor_ps", "impostor.hlsl", "PSMain", FRAGMENT, &[]),
+    ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[]),
+    ("capture_ps", "capture.hlsl", "PSMain", FRAGMENT, &[]),
     ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),
     ("ground_ps", "ground.hlsl", "PSMain", FRAGMENT, &[]),
     ("shadow_vs", "shadow.hlsl", "VSMain", VERTEX, &[]),

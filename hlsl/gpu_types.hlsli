@@ -27,6 +27,12 @@
 #define TALLY_LIVE_VERTICES_LOW 1
 #define TALLY_LIVE_VERTICES_HIGH 2
 #define TALLY_BINS 4
+// CaptureInstance::group of a picture of all surfaces.
+#define CAPTURE_ALL_GROUPS 0xffffffffu
+// Surfaces with less weight in a picture's group are not in it: half a step of the 254 that weights are stored in.
+#define CAPTURE_WEIGHT_MIN 0.00197
+// Surfaces are drawn up to this many depth extents from a picture's centre.
+#define CAPTURE_DEPTH_REACH 8.0
 // FrameConstants::flags.
 #define FLAG_FULL_DETAIL 1u
 #define FLAG_STILL 2u
@@ -114,6 +120,21 @@ struct Instance
     uint4 sample_entries; // first palette entry of each frame
     float3 sample_weights; // the fourth is what they leave of 1
     float shadow_radius; // metres; 0 in all but a character's first submesh
+};
+
+// A picture that the capture stage takes: a plane, and the page's rectangle that shows a part of it.
+struct CaptureInstance
+{
+    float3 center;
+    float depth_scale; // depth extents per bind-space unit
+    float3 right; // unit length, as up; the eye is on the side of right x up
+    uint first_entry; // of its pose's joints in the palette
+    float3 up;
+    uint group; // or CAPTURE_ALL_GROUPS
+    float2 clip_scale; // clip space from the plane
+    float2 clip_offset;
+    float2 clip_min; // the rectangle in clip space
+    float2 clip_max;
 };
 
 // VkDrawIndexedIndirectCommand.

@@ -30,6 +30,12 @@ pub const TALLY_LIVE_VERTICES_LOW: usize = 1;
 pub const TALLY_LIVE_VERTICES_HIGH: usize = 2;
 /// Place of the first list's count.
 pub const TALLY_BINS: usize = 4;
+/// `CaptureInstance::group` of a picture of all surfaces.
+pub const CAPTURE_ALL_GROUPS: u32 = u32::MAX;
+/// Surfaces with less weight in a picture's group are not in it.
+pub const CAPTURE_WEIGHT_MIN: f32 = 0.00197;
+/// Surfaces are drawn up to this many depth extents from a picture's centre.
+pub const CAPTURE_DEPTH_REACH: f32 = 8.0;
 /// Every vertex lives.
 pub const FLAG_FULL_DETAIL: u32 = 1;
 /// No animation.
@@ -149,6 +155,19 @@ shared_structs! {
         sample_entries: [u32; 4],
         sample_weights: [f32; 3],
         shadow_radius: f32,
+    }
+    /// A picture that the capture stage takes.
+    struct CaptureInstance {
+        center: [f32; 3],
+        depth_scale: f32,
+        right: [f32; 3],
+        first_entry: u32,
+        up: [f32; 3],
+        group: u32,
+        clip_scale: [f32; 2],
+        clip_offset: [f32; 2],
+        clip_min: [f32; 2],
+        clip_max: [f32; 2],
     }
     /// `VkDrawIndexedIndirectCommand`.
     struct DrawCommand {

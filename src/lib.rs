@@ -28,6 +28,7 @@
 
 #![deny(unsafe_code)]
 
+pub mod capture;
 pub mod error;
 pub mod frame;
 #[allow(unsafe_code)]

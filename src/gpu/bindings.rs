@@ -42,12 +42,15 @@ pub const CHARACTER: &[Kind] = &[
 ];
 /// The probe's output.
 pub const PROBE: &[Kind] = &[Storage];
+/// The capture stage's pictures and the groups of joints.
+pub const CAPTURE: &[Kind] = &[Storage, Storage];
 
 /// The sets of a compiled module, by set number.
 pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
     match module {
         "select_count" | "select_scan" | "select_scatter" => &[SELECT],
         "mesh_probe" => &[DRAW, CHARACTER, PROBE],
+        "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
         _ => &[DRAW, CHARACTER],
     }
 }

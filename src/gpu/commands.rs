@@ -148,13 +148,22 @@ impl<'a> Commands<'a> {
 
     /// Copies a single-layer colour image in TRANSFER_SRC_OPTIMAL to the start of a buffer, tightly.
     pub fn copy_from_image(&mut self, from: &Image, to: &Buffer) {
+        self.copy_rows_from_image(from, to, from.extent.height);
+    }
+
+    /// As `copy_from_image`, but only the first rows.
+    pub fn copy_rows_from_image(&mut self, from: &Image, to: &Buffer, rows: u32) {
         let region = [vk::BufferImageCopy {
             image_subresource: vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
                 layer_count: 1,
                 ..Default::default()
             },
-            image_extent: from.extent.into(),
+            image_extent: vk::Extent3D {
+                width: from.extent.width,
+                height: rows,
+                depth: 1,
+            },
             ..Default::default()
         }];
         unsafe {
@@ -289,6 +298,26 @@ impl<'a> Commands<'a> {
             self.context
                 .device
                 .cmd_draw_indexed(self.cmd, index_count, 1, first_index, 0, instance)
+        };
+    }
+
+    /// One draw of several instances.
+    pub fn draw_indexed_instances(
+        &mut self,
+        first_index: u32,
+        index_count: u32,
+        instances: std::ops::Range<u32>,
+    ) {
+        self.draw_calls += 1;
+        unsafe {
+            self.context.device.cmd_draw_indexed(
+                self.cmd,
+                index_count,
+                instances.len() as u32,
+                first_index,
+                0,
+                instances.start,
+            )
         };
     }
 

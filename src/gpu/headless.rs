@@ -44,9 +44,9 @@ impl Default for HeadlessDesc {
 /// Renders frames one at a time and waits for each.
 pub struct Headless {
     // Dropped by `Drop` in this order; `None` only there.
-    renderer: Option<Renderer>,
+    pub(super) renderer: Option<Renderer>,
     target: Option<Target>,
-    core: OwnDevice,
+    pub(super) core: OwnDevice,
 }
 
 /// The offscreen attachments.
@@ -247,6 +247,17 @@ impl Headless {
         vertices
     }
 
+    /// Uploads a character whose pictures the capture stage takes.
+    ///
+    /// Errors: [`RenderError::BadCharacter`], [`RenderError::MissingFeature`] where the device cannot take them, and those
+    /// of making objects.
+    pub fn capturer<'a>(
+        &'a mut self,
+        baked: &'a throng_bake::baked::Baked,
+    ) -> Result<super::Capturer<'a>, RenderError> {
+        super::Capturer::new(self, baked)
+    }
+
     /// What the validation layer has said since the last call; always empty where it is off.
     pub fn messages(&self) -> Vec<String> {
         std::mem::take(&mut *self.core.messages.lock().unwrap_or_else(|e| e.into_inner()))
@@ -277,7 +288,7 @@ impl Drop for Headless {
     }
 }
 
-fn dropped() -> RenderError {
+pub(super) fn dropped() -> RenderError {
     RenderError::Order {
         call: "Headless",
         reason: "it is being dropped",

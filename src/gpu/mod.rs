@@ -1,6 +1,7 @@
 //! All of ash and all of `unsafe`: the device, memory, pipelines, recording, and the offscreen host.
 
 pub mod bindings;
+mod capturer;
 mod commands;
 mod context;
 mod headless;
@@ -15,6 +16,7 @@ mod resident;
 pub mod shaders;
 mod slot;
 
+pub use capturer::Capturer;
 pub use headless::{Headless, HeadlessDesc};
 pub use own_device::{DeviceInfo, list_devices, tune_allocator_for_cpu};
 pub use renderer::{DeviceHandles, Renderer, RendererDesc};

@@ -25,6 +25,8 @@ pub(super) struct OwnDevice {
     pub(super) queue_family: u32,
     pub(super) software: bool,
     pub(super) pipeline_statistics: bool,
+    /// The device clips at shaders' own distances, which only the capture stage needs.
+    pub(super) clip_distance: bool,
 }
 
 /// A device that could be chosen.
@@ -112,6 +114,7 @@ impl OwnDevice {
             queue_family: 0,
             software: false,
             pipeline_statistics: false,
+            clip_distance: false,
         };
         if validation {
             core.make_messenger()?;
@@ -225,7 +228,9 @@ impl OwnDevice {
             depth,
         )?;
         self.pipeline_statistics = supported.pipeline_statistics_query == vk::TRUE;
+        self.clip_distance = supported.shader_clip_distance == vk::TRUE;
         let mut features = requirements::features(self.pipeline_statistics);
+        features.core = features.core.shader_clip_distance(self.clip_distance);
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(self.queue_family)
             .queue_priorities(&[1.0])];

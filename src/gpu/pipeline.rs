@@ -25,9 +25,10 @@ pub(crate) struct MeshVariant {
 }
 
 /// Specialisation constants by id, as hlsl/ numbers them.
-const ALPHA_TESTED: u32 = 0;
+pub(super) const ALPHA_TESTED: u32 = 0;
 const SRGB_TARGET: u32 = 1;
 const REVERSED_DEPTH: u32 = 2;
+pub(super) const TEXTURED: u32 = 3;
 
 /// Stages that see a draw's push constants.
 pub(crate) const DRAW_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -427,7 +428,7 @@ fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, 
     Ok(sampler)
 }
 
-fn stage<'a>(
+pub(super) fn stage<'a>(
     module: vk::ShaderModule,
     stage: vk::ShaderStageFlags,
     specialization: &'a vk::SpecializationInfo<'a>,
@@ -439,7 +440,7 @@ fn stage<'a>(
         .specialization_info(specialization)
 }
 
-fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
+pub(super) fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
     let spirv = MODULES
         .iter()
         .find(|m: &&Module| m.name == name)
@@ -483,7 +484,7 @@ fn compute(
     Ok(pipeline)
 }
 
-fn set_layout(
+pub(super) fn set_layout(
     cx: &Context,
     name: &str,
     kinds: &[Kind],
@@ -508,7 +509,7 @@ fn set_layout(
     Ok(layout)
 }
 
-fn pipeline_layout(
+pub(super) fn pipeline_layout(
     cx: &Context,
     name: &str,
     sets: &[vk::DescriptorSetLayout],

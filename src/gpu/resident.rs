@@ -80,7 +80,7 @@ impl Staging {
     }
 }
 
-fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::BufferImageCopy {
+pub(super) fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::BufferImageCopy {
     vk::BufferImageCopy {
         buffer_offset: offset,
         buffer_row_length: 0,
@@ -399,7 +399,45 @@ fn write_images(cx: &Context, set: vk::DescriptorSet, images: &[Image], pipeline
     unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
 }
 
+/// Records the copies that fill a new image, which shaders then read.
+pub(super) fn record_fill(
+    c: &mut Commands,
+    staging: &Buffer,
+    image: &Image,
+    copies: &[vk::BufferImageCopy],
+) {
+    use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
+    let color = vk::ImageAspectFlags::COLOR;
+    let fresh = (L::UNDEFINED, S::NONE, A::NONE);
+    let filling = (L::TRANSFER_DST_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_WRITE);
+    let readable = (
+        L::SHADER_READ_ONLY_OPTIMAL,
+        S::VERTEX_SHADER | S::FRAGMENT_SHADER | S::COMPUTE_SHADER,
+        A::SHADER_SAMPLED_READ,
+    );
+    c.image_barrier(image, fresh, filling, color);
+    c.copy_to_image(staging, image, copies);
+    c.image_barrier(image, filling, readable, color);
+}
+
 impl Resident {
+    /// Puts another palette in the place of the clips'; no pending command may use the set.
+    pub fn write_palette(&self, cx: &Context, palette: &Image) {
+        const BINDING: u32 = 3;
+        let info = [vk::DescriptorImageInfo {
+            sampler: vk::Sampler::null(),
+            image_view: palette.view,
+            image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+        }];
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(self.set)
+            .dst_binding(BINDING)
+            .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
+            .image_info(&info);
+        // SAFETY: the view is alive; the caller's promise about the set.
+        unsafe { cx.device.update_descriptor_sets(&[write], &[]) };
+    }
+
     /// Destroys everything; no pending command may use any of it.
     pub fn destroy(self, cx: &Context) {
         // SAFETY: the caller's promise; consumed, so once.
@@ -416,19 +454,8 @@ impl Upload {
     /// Records the copies; the staging buffer, which comes back, has to live until they are done.
     pub fn record(self, commands: &mut Commands, characters: &[Resident]) -> Buffer {
         let resident = &characters[self.character];
-        let color = vk::ImageAspectFlags::COLOR;
-        use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
-        let fresh = (L::UNDEFINED, S::NONE, A::NONE);
-        let filling = (L::TRANSFER_DST_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_WRITE);
-        let readable = (
-            L::SHADER_READ_ONLY_OPTIMAL,
-            S::VERTEX_SHADER | S::FRAGMENT_SHADER | S::COMPUTE_SHADER,
-            A::SHADER_SAMPLED_READ,
-        );
         for (image, copies) in resident.images.iter().zip(&self.images) {
-            commands.image_barrier(image, fresh, filling, color);
-            commands.copy_to_image(&self.staging, image, copies);
-            commands.image_barrier(image, filling, readable, color);
+            record_fill(commands, &self.staging, image, copies);
         }
         if self.indices.size > 0 {
             commands.copy_buffer(&self.staging, &resident.indices, self.indices);

@@ -1,7 +1,7 @@
 //! Twin of hlsl/mesh.hlsli: collapse and palette skinning of one instance.
 
 use glam::{Vec3, Vec4};
-use throng_bake::baked::{Baked, Vertex};
+use throng_bake::baked::{Baked, PaletteEntry, Vertex};
 use throng_bake::quantize::{decode_normal, decode_position, decode_weights};
 
 use crate::gpu_types::Instance;
@@ -22,7 +22,8 @@ pub fn mesh(baked: &Baked, submesh: usize, instance: &Instance) -> Vec<Skinned> 
     (0..submesh.vertex_count)
         .map(|i| {
             let (living, _) = living_ancestor(baked, first, i, instance.live_vertex_count);
-            skin_vertex(baked, &baked.vertices[first + living as usize], instance)
+            let vertex = &baked.vertices[first + living as usize];
+            skin_vertex(baked, &baked.palette, vertex, instance)
         })
         .collect()
 }
@@ -65,7 +66,13 @@ pub fn living_ancestor(
     (vertex, hops)
 }
 
-fn skin_vertex(baked: &Baked, vertex: &Vertex, instance: &Instance) -> Skinned {
+/// A vertex with its instance's influences and frames of `palette`, at its agent's place.
+pub(super) fn skin_vertex(
+    baked: &Baked,
+    palette: &[PaletteEntry],
+    vertex: &Vertex,
+    instance: &Instance,
+) -> Skinned {
     let weights = decode_weights(vertex.weights);
     let mut rows = [Vec4::ZERO; 3];
     let mut sum = 0.0;
@@ -73,7 +80,7 @@ fn skin_vertex(baked: &Baked, vertex: &Vertex, instance: &Instance) -> Skinned {
     for (weight, joint) in influences.take(instance.influence_count() as usize) {
         sum += weight;
         for s in 0..instance.sample_count() as usize {
-            let entry = &baked.palette[instance.sample_entries[s] as usize + joint as usize];
+            let entry = &palette[instance.sample_entries[s] as usize + joint as usize];
             for (row, from) in rows.iter_mut().zip(entry.rows) {
                 *row += weight * instance.sample_weight(s) * Vec4::from_array(from);
             }

@@ -1,4 +1,5 @@
 //! The CPU twins of the GPU stages: same inputs, same outputs, plain loops.
 
+pub mod capture;
 pub mod mesh;
 pub mod select;
