@@ -25,9 +25,11 @@ const VERTEX: ShaderStage = ShaderStage::Vertex;
 const FRAGMENT: ShaderStage = ShaderStage::Fragment;
 #[rustfmt::skip]
 const MODULES: &[ModuleRow] = &[
-    ("select_count", "select.hlsl", "CSCount", COMPUTE, &[]),
-    ("select_scan", "select.hlsl", "CSScan", COMPUTE, &[]),
-    ("select_scatter", "select.hlsl", "CSScatter", COMPUTE, &[]),
+    ("select_count", "select.hlsl", "CSCount", COMPUTE, &["TEXELS"]),
+    ("select_scan", "select.hlsl", "CSScan", COMPUTE, &["TEXELS"]),
+    ("select_scatter", "select.hlsl", "CSScatter", COMPUTE, &["TEXELS"]),
+    ("select_count_storage", "select.hlsl", "CSCount", COMPUTE, &[]),
+    ("select_scatter_storage", "select.hlsl", "CSScatter", COMPUTE, &[]),
     ("mesh_vs", "mesh.hlsl", "VSMain", VERTEX, &[]),
     ("mesh_ps", "mesh.hlsl", "PSMain", FRAGMENT, &[]),
     ("mesh_textured_vs", "mesh.hlsl", "VSMain", VERTEX, &["TEXTURED"]),

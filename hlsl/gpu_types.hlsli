@@ -18,12 +18,13 @@
 #define IMPOSTOR_MIP_BIAS -0.25
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
-// A contact shadow's radius as a share of the root of its character's box from above.
-#define SHADOW_SHARE 1.2
+// Bits of a LOD error below its step: 64 steps to a doubling.
+#define LEVEL_SHIFT 17
 // Selected::bin of a submesh that draws nothing.
 #define BIN_NONE 0xffffffffu
 // Where the tally buffer holds what; the lists' counts follow.
 #define TALLY_VISIBLE 0
+// Sum of live vertices, 64 bits.
 #define TALLY_LIVE_VERTICES_LOW 1
 #define TALLY_LIVE_VERTICES_HIGH 2
 #define TALLY_BINS 4
@@ -33,6 +34,9 @@
 #define CAPTURE_WEIGHT_MIN 0.00197
 // Surfaces are drawn up to this many depth extents from a picture's centre.
 #define CAPTURE_DEPTH_REACH 8.0
+// Words of a DrawCommand, and which of them is first_instance.
+#define DRAW_COMMAND_WORDS 5
+#define DRAW_FIRST_INSTANCE_WORD 4
 // FrameConstants::flags.
 #define FLAG_FULL_DETAIL 1u
 #define FLAG_STILL 2u
@@ -71,22 +75,30 @@ struct ClipInfo
     float3 sphere_center;
     float sphere_radius;
     float3 box_center;
-    uint first_frame;
+    uint padding0;
     float3 box_half_extent;
+    uint padding1;
+    uint first_frame;
     uint frame_count;
     float nearest_error; // bind-space units that the nearest frame is off by
-    uint padding0;
-    uint padding1;
-    uint padding2;
+    float shadow_radius; // of the contact shadow, bind-space units
 };
 
-// A submesh: where its collapse errors, which do not rise, and its bands stand. A bin is a band of a submesh.
+// A submesh's levels of detail. LOD errors are rounded down to steps: the bits of a float from LEVEL_SHIFT up, its key. The
+// first level is full detail; the next is that of first_key and of all keys below it, then one for each key.
 struct SubmeshInfo
 {
-    uint first_error;
+    uint first_level;
+    uint level_count; // at least 2
+    int first_key;
     uint vertex_count;
-    uint first_bin;
-    uint band_count;
+};
+
+// A submesh at one LOD error.
+struct LevelInfo
+{
+    uint live_vertex_count;
+    uint bin; // BIN_NONE: draws nothing
 };
 
 // An index window, finest first within a submesh.

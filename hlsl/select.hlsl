@@ -2,20 +2,99 @@
 // list per (submesh, band). Three passes: count, scan, scatter. Twin: src/reference/select.rs
 // In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
 // The order within a list is not defined.
+//
+// What makes it cheap on a CPU driver: lavapipe reads and writes structured buffers lane by lane, at a price per access and
+// not per byte, so records are whole uint4s; it reads texel buffers for all lanes at once, several times as fast, so what
+// is only read is one where the device allows large ones (TEXELS); and it reads constants once for all lanes only outside
+// control flow, so that is where they are read.
 
 #include "gpu_types.hlsli"
 
+#ifdef TEXELS
+#define RECORDS(T) Buffer<T>
+#else
+#define RECORDS(T) StructuredBuffer<T>
+#endif
+
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::binding(1, 0)]] StructuredBuffer<AgentState> agents;
-[[vk::binding(2, 0)]] StructuredBuffer<CharacterInfo> characters;
-[[vk::binding(3, 0)]] StructuredBuffer<ClipInfo> clips;
-[[vk::binding(4, 0)]] StructuredBuffer<SubmeshInfo> submeshes;
+[[vk::binding(1, 0)]] RECORDS(uint4) agents; // 3 of them are an AgentState
+[[vk::binding(2, 0)]] RECORDS(uint4) characters; // 2 are a CharacterInfo
+[[vk::binding(3, 0)]] RECORDS(uint4) clips; // 4 are a ClipInfo
+[[vk::binding(4, 0)]] RECORDS(uint4) submeshes; // 1 is a SubmeshInfo
 [[vk::binding(5, 0)]] StructuredBuffer<BandInfo> bands;
-[[vk::binding(6, 0)]] StructuredBuffer<float> collapse_errors;
+[[vk::binding(6, 0)]] RECORDS(uint2) levels; // 1 is a LevelInfo
 [[vk::binding(7, 0)]] RWStructuredBuffer<uint> tally;
-[[vk::binding(8, 0)]] RWStructuredBuffer<Selected> selected;
+[[vk::binding(8, 0)]] RWStructuredBuffer<uint4> selected; // 1 is a Selected
 [[vk::binding(9, 0)]] RWStructuredBuffer<DrawCommand> draws;
-[[vk::binding(10, 0)]] RWStructuredBuffer<Instance> instances;
+[[vk::binding(11, 0)]] RECORDS(uint4) chosen; // selected, in the scatter pass
+[[vk::binding(12, 0)]] RECORDS(uint) list_starts; // draws, in the scatter pass
+[[vk::binding(10, 0)]] RWStructuredBuffer<uint4> instances; // 4 are an Instance
+
+AgentState LoadAgent(uint index)
+{
+    uint4 a = agents[3u * index];
+    uint4 b = agents[3u * index + 1u];
+    uint4 c = agents[3u * index + 2u];
+    AgentState agent;
+    agent.position = asfloat(a.xyz);
+    agent.heading_cos = asfloat(a.w);
+    agent.heading_sin = asfloat(b.x);
+    agent.scale = asfloat(b.y);
+    agent.character = b.z;
+    agent.clips = b.w;
+    agent.phase0 = asfloat(c.x);
+    agent.phase1 = asfloat(c.y);
+    agent.blend = asfloat(c.z);
+    agent.tint_seed = c.w;
+    return agent;
+}
+
+CharacterInfo LoadCharacter(uint index)
+{
+    uint4 a = characters[2u * index];
+    uint4 b = characters[2u * index + 1u];
+    CharacterInfo character;
+    character.first_submesh = a.x;
+    character.submesh_count = a.y;
+    character.first_clip = a.z;
+    character.joint_count = a.w;
+    character.influences1_error = asfloat(b.x);
+    character.influences2_error = asfloat(b.y);
+    character.influences3_error = asfloat(b.z);
+    character.padding = b.w;
+    return character;
+}
+
+ClipInfo LoadClip(uint index)
+{
+    uint4 a = clips[4u * index];
+    uint4 b = clips[4u * index + 1u];
+    uint4 c = clips[4u * index + 2u];
+    uint4 d = clips[4u * index + 3u];
+    ClipInfo clip;
+    clip.sphere_center = asfloat(a.xyz);
+    clip.sphere_radius = asfloat(a.w);
+    clip.box_center = asfloat(b.xyz);
+    clip.padding0 = b.w;
+    clip.box_half_extent = asfloat(c.xyz);
+    clip.padding1 = c.w;
+    clip.first_frame = d.x;
+    clip.frame_count = d.y;
+    clip.nearest_error = asfloat(d.z);
+    clip.shadow_radius = asfloat(d.w);
+    return clip;
+}
+
+SubmeshInfo LoadSubmesh(uint index)
+{
+    uint4 a = submeshes[index];
+    SubmeshInfo submesh;
+    submesh.first_level = a.x;
+    submesh.level_count = a.y;
+    submesh.first_key = int(a.z);
+    submesh.vertex_count = a.w;
+    return submesh;
+}
 
 // The smallest signed distance that any vertex of a clip may have to a plane is at most this; below 0 it is outside.
 float Support(ClipInfo clip, AgentState agent, float4 plane)
@@ -26,9 +105,7 @@ float Support(ClipInfo clip, AgentState agent, float4 plane)
         plane.y,
         agent.heading_sin * plane.x + agent.heading_cos * plane.z);
     float origin = dot(plane.xyz, agent.position) + plane.w;
-    float sphere = dot(n, clip.sphere_center) + clip.sphere_radius;
-    float box = dot(n, clip.box_center) + dot(abs(n), clip.box_half_extent);
-    return origin + agent.scale * min(sphere, box);
+    return origin + agent.scale * (dot(n, clip.box_center) + dot(abs(n), clip.box_half_extent));
 }
 
 float DistanceToSphere(ClipInfo clip, AgentState agent)
@@ -48,10 +125,10 @@ float FramePosition(ClipInfo clip, float phase)
 }
 
 // An agent's list entry, but for its live vertices.
-Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error)
+Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error, bool still)
 {
-    ClipInfo clip0 = clips[character.first_clip + (agent.clips & 0xffffu)];
-    ClipInfo clip1 = clips[character.first_clip + (agent.clips >> 16)];
+    ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
+    ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
     Instance instance;
     instance.position = agent.position;
     instance.tint_seed = agent.tint_seed;
@@ -64,7 +141,6 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
         : allowed < character.influences2_error ? 3u
         : allowed < character.influences1_error ? 2u : 1u;
 
-    bool still = (frame.flags & FLAG_STILL) != 0u;
     float blend = still ? 0.0 : saturate(agent.blend);
     float position0 = still ? 0.0 : FramePosition(clip0, agent.phase0);
     float position1 = still ? 0.0 : FramePosition(clip1, agent.phase1);
@@ -105,124 +181,83 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
     instance.packed = influence_count | (sample_count << 3) | (index << 6);
     instance.sample_entries = frames * character.joint_count;
     instance.sample_weights = weights.xyz;
-    instance.shadow_radius = SHADOW_SHARE * agent.scale * sqrt(clip0.box_half_extent.x * clip0.box_half_extent.z);
+    instance.shadow_radius = agent.scale * clip0.shadow_radius;
     return instance;
 }
 
-// Vertices of a submesh that live at an error: those whose collapse error is greater. Errors do not rise.
-uint LiveVertexCount(SubmeshInfo submesh, float lod_error)
+// Where a submesh's level at an error stands.
+uint LevelAt(SubmeshInfo submesh, float lod_error)
 {
-    uint low = 0u;
-    uint high = submesh.vertex_count;
-    while (low < high)
-    {
-        uint middle = (low + high) >> 1;
-        bool alive = collapse_errors[submesh.first_error + middle] > lod_error;
-        low = alive ? middle + 1u : low;
-        high = alive ? high : middle;
-    }
-    return low;
+    int step = clamp((asint(lod_error) >> LEVEL_SHIFT) - submesh.first_key, 0, int(submesh.level_count) - 2) + 1;
+    return submesh.first_level + (lod_error < 0.0 ? 0u : uint(step));
 }
-
-// The tightest band that holds this many vertices: bands fall.
-uint BandOf(SubmeshInfo submesh, uint live_vertex_count)
-{
-    uint low = 0u;
-    uint high = submesh.band_count - 1u;
-    while (low < high)
-    {
-        uint middle = (low + high + 1u) >> 1;
-        bool holds = bands[submesh.first_bin + middle].vertex_count >= live_vertex_count;
-        low = holds ? middle : low;
-        high = holds ? high : middle - 1u;
-    }
-    return low;
-}
-
-groupshared uint group_visible;
-groupshared uint group_live_vertices;
 
 // Threads: one per agent.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
-void CSCount(uint3 thread : SV_DispatchThreadID, uint local : SV_GroupIndex)
+void CSCount(uint3 thread : SV_DispatchThreadID)
 {
-    if (local == 0u)
+    float4 planes[6] = frame.planes;
+    float error_per_metre = frame.error_per_metre;
+    uint stride = frame.submesh_stride;
+    bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
+    bool inside = thread.x < frame.agent_count;
+    uint index = min(thread.x, frame.agent_count - 1u);
+    AgentState agent = LoadAgent(index);
+    CharacterInfo character = LoadCharacter(agent.character);
+    ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
+
+    // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
+    float support[6];
+    [unroll]
+    for (uint p = 0u; p < 6u; p++)
     {
-        group_visible = 0u;
-        group_live_vertices = 0u;
+        support[p] = Support(clip0, agent, planes[p]);
     }
-    GroupMemoryBarrierWithGroupSync();
-
-    uint index = thread.x;
-    if (index < frame.agent_count)
+    float distance = DistanceToSphere(clip0, agent);
+    if (agent.blend > 0.0)
     {
-        AgentState agent = agents[index];
-        CharacterInfo character = characters[agent.character];
-        ClipInfo clip0 = clips[character.first_clip + (agent.clips & 0xffffu)];
-
-        // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
-        float support[6];
+        ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
         [unroll]
         for (uint p = 0u; p < 6u; p++)
         {
-            support[p] = Support(clip0, agent, frame.planes[p]);
+            support[p] = max(support[p], Support(clip1, agent, planes[p]));
         }
-        float distance = DistanceToSphere(clip0, agent);
-        if (agent.blend > 0.0)
-        {
-            ClipInfo clip1 = clips[character.first_clip + (agent.clips >> 16)];
-            [unroll]
-            for (uint p = 0u; p < 6u; p++)
-            {
-                support[p] = max(support[p], Support(clip1, agent, frame.planes[p]));
-            }
-            distance = min(distance, DistanceToSphere(clip1, agent));
-        }
-        bool visible = min(min(min(support[0], support[1]), min(support[2], support[3])), min(support[4], support[5])) >= 0.0;
+        distance = min(distance, DistanceToSphere(clip1, agent));
+    }
+    bool visible = min(min(min(support[0], support[1]), min(support[2], support[3])), min(support[4], support[5])) >= 0.0;
+    visible = visible && inside;
 
-        uint live_vertices = 0u;
+    float lod_error = full ? -1.0 : error_per_metre * distance / agent.scale;
+    uint live_vertices = 0u;
+    uint submesh_count = inside ? character.submesh_count : 0u;
+    for (uint s = 0u; s < submesh_count; s++)
+    {
+        uint2 level = uint2(0u, BIN_NONE);
+        uint rank = 0u;
         if (visible)
         {
-            bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
-            float lod_error = full ? -1.0 : frame.error_per_metre * distance / agent.scale;
-            for (uint s = 0u; s < character.submesh_count; s++)
+            SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
+            level = levels[LevelAt(submesh, lod_error)];
+            if (level.y != BIN_NONE)
             {
-                SubmeshInfo submesh = submeshes[character.first_submesh + s];
-                Selected choice;
-                choice.live_vertex_count = full ? submesh.vertex_count : LiveVertexCount(submesh, lod_error);
-                choice.bin = submesh.first_bin + BandOf(submesh, choice.live_vertex_count);
-                choice.rank = 0u;
-                choice.lod_error = lod_error;
-                if (choice.live_vertex_count < 3u || bands[choice.bin].index_count == 0u)
-                {
-                    choice.bin = BIN_NONE;
-                }
-                else
-                {
-                    InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, choice.rank);
-                    live_vertices += choice.live_vertex_count;
-                }
-                selected[index * frame.submesh_stride + s] = choice;
-            }
-            InterlockedAdd(group_visible, 1u);
-            InterlockedAdd(group_live_vertices, live_vertices);
-        }
-        else
-        {
-            for (uint s = 0u; s < character.submesh_count; s++)
-            {
-                selected[index * frame.submesh_stride + s].bin = BIN_NONE;
+                InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
+                live_vertices += level.x;
             }
         }
+        selected[index * stride + s] = uint4(level.y, rank, level.x, asuint(lod_error));
     }
 
-    GroupMemoryBarrierWithGroupSync();
-    if (local == 0u && group_visible > 0u)
+    uint wave_visible = WaveActiveCountBits(visible);
+    uint wave_live_vertices = WaveActiveSum(live_vertices);
+    if (WaveIsFirstLane() && wave_visible > 0u)
     {
-        InterlockedAdd(tally[TALLY_VISIBLE], group_visible);
-        // 64 bits in two counters: each holds the sum of 16-bit halves.
-        InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], group_live_vertices & 0xffffu);
-        InterlockedAdd(tally[TALLY_LIVE_VERTICES_HIGH], group_live_vertices >> 16);
+        InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
+        uint before;
+        InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
+        if (before + wave_live_vertices < before)
+        {
+            InterlockedAdd(tally[TALLY_LIVE_VERTICES_HIGH], 1u);
+        }
     }
 }
 
@@ -279,28 +314,32 @@ void CSScan(uint local : SV_GroupIndex)
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSScatter(uint3 thread : SV_DispatchThreadID)
 {
+    uint stride = frame.submesh_stride;
+    uint flags = frame.flags;
     uint index = thread.x;
     if (index >= frame.agent_count)
     {
         return;
     }
-    AgentState agent = agents[index];
-    CharacterInfo character = characters[agent.character];
+    AgentState agent = LoadAgent(index);
+    CharacterInfo character = LoadCharacter(agent.character);
     bool made = false;
     Instance instance;
     for (uint s = 0u; s < character.submesh_count; s++)
     {
-        Selected choice = selected[index * frame.submesh_stride + s];
-        if (choice.bin != BIN_NONE)
+        uint4 choice = chosen[index * stride + s];
+        if (choice.x != BIN_NONE)
         {
             if (!made)
             {
-                instance = MakeInstance(index, agent, character, choice.lod_error);
+                instance = MakeInstance(index, agent, character, asfloat(choice.w), (flags & FLAG_STILL) != 0u);
                 made = true;
             }
-            instance.live_vertex_count = choice.live_vertex_count;
-            instance.shadow_radius = s == 0u ? instance.shadow_radius : 0.0;
-            instances[draws[choice.bin].first_instance + choice.rank] = instance;
+            uint place = 4u * (list_starts[DRAW_COMMAND_WORDS * choice.x + DRAW_FIRST_INSTANCE_WORD] + choice.y);
+            instances[place] = uint4(asuint(instance.position), asuint(instance.heading_cos));
+            instances[place + 1u] = uint4(instance.tint_seed, choice.z, instance.packed, asuint(instance.heading_sin));
+            instances[place + 2u] = instance.sample_entries;
+            instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(s == 0u ? instance.shadow_radius : 0.0));
         }
     }
 }

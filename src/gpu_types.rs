@@ -18,16 +18,20 @@ pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.25;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
-/// A contact shadow's radius as a share of the root of its character's box from above.
-pub const SHADOW_SHARE: f32 = 1.2;
+/// Bits of a LOD error below its step: 64 steps to a doubling.
+pub const LEVEL_SHIFT: u32 = 17;
 /// `Selected::bin` of a submesh that draws nothing.
 pub const BIN_NONE: u32 = u32::MAX;
 /// Place of the visible agents' count in the tally buffer.
 pub const TALLY_VISIBLE: usize = 0;
-/// Place of the sum of the low 16 bits of live vertices.
+/// Place of the low half of the 64-bit sum of live vertices.
 pub const TALLY_LIVE_VERTICES_LOW: usize = 1;
-/// Place of the sum of the high 16 bits.
+/// Place of the high half.
 pub const TALLY_LIVE_VERTICES_HIGH: usize = 2;
+/// Words of a [`DrawCommand`].
+pub const DRAW_COMMAND_WORDS: u32 = 5;
+/// Which of its words is `first_instance`.
+pub const DRAW_FIRST_INSTANCE_WORD: u32 = 4;
 /// Place of the first list's count.
 pub const TALLY_BINS: usize = 4;
 /// `CaptureInstance::group` of a picture of all surfaces.
@@ -115,20 +119,25 @@ shared_structs! {
         sphere_center: [f32; 3],
         sphere_radius: f32,
         box_center: [f32; 3],
-        first_frame: u32,
+        padding0: u32,
         box_half_extent: [f32; 3],
+        padding1: u32,
+        first_frame: u32,
         frame_count: u32,
         nearest_error: f32,
-        padding0: u32,
-        padding1: u32,
-        padding2: u32,
+        shadow_radius: f32,
     }
-    /// A submesh's collapse errors and bands.
+    /// A submesh's levels of detail by the key of the LOD error.
     struct SubmeshInfo {
-        first_error: u32,
+        first_level: u32,
+        level_count: u32,
+        first_key: i32,
         vertex_count: u32,
-        first_bin: u32,
-        band_count: u32,
+    }
+    /// A submesh at one LOD error.
+    struct LevelInfo {
+        live_vertex_count: u32,
+        bin: u32,
     }
     /// An index window.
     struct BandInfo {

@@ -1,13 +1,19 @@
 //! Before the first frame: validates a baked character and makes the arrays that the GPU reads.
 
 use glam::{Affine3A, Vec3, Vec4};
-use throng_bake::baked::{Baked, BakedClip, PaletteEntry, Vertex};
+use throng_bake::baked::{Baked, BakedClip, Band, PaletteEntry, Vertex};
 use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_position, decode_weights};
 
 use crate::error::RenderError;
-use crate::gpu_types::{BandInfo, CharacterConstants, CharacterInfo, ClipInfo, SubmeshInfo};
+use crate::gpu_types::{
+    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
+    SubmeshInfo,
+};
 use crate::impostor;
+
+/// A contact shadow's radius as a share of the root of its character's box from above.
+const SHADOW_SHARE: f32 = 1.2;
 
 /// The tables of the select stage: all characters one after the other. Grows, never shrinks.
 #[derive(Debug, Clone, Default)]
@@ -22,8 +28,8 @@ pub struct Tables {
     pub submeshes: Vec<SubmeshInfo>,
     /// Bands of all submeshes, and behind those of a character the windows of its impostor kinds; the place here is the bin.
     pub bands: Vec<BandInfo>,
-    /// Collapse errors of all vertices.
-    pub collapse_errors: Vec<f32>,
+    /// Levels of detail of all submeshes.
+    pub levels: Vec<LevelInfo>,
 }
 
 impl Tables {
@@ -39,7 +45,6 @@ impl Tables {
 
     /// Appends a validated character.
     pub fn append(&mut self, baked: &Baked) {
-        let first_error = self.collapse_errors.len() as u32;
         let first_bin = self.bands.len() as u32;
         let joint_count = baked.joints.len() as u32;
         let errors = SkinningErrors::measure(baked);
@@ -56,36 +61,90 @@ impl Tables {
         self.clip_counts.push(baked.clips.len() as u32);
         for (clip, &nearest_error) in baked.clips.iter().zip(&errors.nearest) {
             let center = (clip.box_min + clip.box_max) * 0.5;
+            let half_extent = clip.box_max - center;
             self.clips.push(ClipInfo {
                 sphere_center: clip.sphere_center.into(),
                 sphere_radius: clip.sphere_radius,
                 box_center: center.into(),
+                padding0: 0,
+                box_half_extent: half_extent.into(),
+                padding1: 0,
                 first_frame: clip.first_frame,
-                box_half_extent: (clip.box_max - center).into(),
                 frame_count: clip.frame_count,
                 nearest_error,
-                padding0: 0,
-                padding1: 0,
-                padding2: 0,
+                shadow_radius: SHADOW_SHARE * (half_extent.x * half_extent.z).sqrt(),
             });
         }
-        self.submeshes
-            .extend(baked.submeshes.iter().map(|s| SubmeshInfo {
-                first_error: first_error + s.first_vertex,
-                vertex_count: s.vertex_count,
-                first_bin: first_bin + s.first_band,
-                band_count: s.band_count,
-            }));
+        for submesh in &baked.submeshes {
+            let errors: Vec<f32> = baked.collapse[submesh.first_vertex as usize..]
+                [..submesh.vertex_count as usize]
+                .iter()
+                .map(|c| c.error)
+                .collect();
+            let bands = &baked.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+            let first_level = self.levels.len() as u32;
+            let first_key = append_levels(
+                &mut self.levels,
+                &errors,
+                bands,
+                first_bin + submesh.first_band,
+            );
+            self.submeshes.push(SubmeshInfo {
+                first_level,
+                level_count: self.levels.len() as u32 - first_level,
+                first_key,
+                vertex_count: submesh.vertex_count,
+            });
+        }
         self.bands.extend(baked.bands.iter().map(|b| BandInfo {
             first_index: b.first_index,
             index_count: b.index_count,
             vertex_count: b.vertex_count,
             padding: 0,
         }));
-        self.collapse_errors
-            .extend(baked.collapse.iter().map(|c| c.error));
         self.bands.extend(impostor::windows(baked));
     }
+}
+
+/// The step that a LOD error is rounded down to: as many for each doubling of the error.
+pub fn level_key(lod_error: f32) -> i32 {
+    lod_error.to_bits() as i32 >> LEVEL_SHIFT
+}
+
+/// Appends a submesh's levels: full detail, then one for each key from the first on, which is returned. `errors` are its
+/// collapse errors, which do not rise; a vertex is alive while its error is greater than the LOD error. Keys below the first
+/// have the first one's level, keys behind the last have the last one's.
+fn append_levels(
+    levels: &mut Vec<LevelInfo>,
+    errors: &[f32],
+    bands: &[Band],
+    first_bin: u32,
+) -> i32 {
+    let level = |live_vertex_count: u32| {
+        let holds = |b: &Band| b.vertex_count >= live_vertex_count;
+        let band = bands.iter().rposition(holds).unwrap_or(0);
+        let drawn = live_vertex_count >= 3 && bands[band].index_count > 0;
+        LevelInfo {
+            live_vertex_count,
+            bin: if drawn {
+                first_bin + band as u32
+            } else {
+                BIN_NONE
+            },
+        }
+    };
+    levels.push(level(errors.len() as u32));
+    let finite = || errors.iter().filter(|e| e.is_finite() && **e > 0.0);
+    let first_key = finite().copied().reduce(f32::min).map_or(0, level_key);
+    let last_key = finite().copied().reduce(f32::max).map_or(0, level_key);
+    // The key below the smallest error has what it takes to be without error; the one above the greatest, what never dies.
+    let (first_key, last_key) = (first_key - 1, last_key + 1);
+    for key in first_key..=last_key {
+        let lod_error = f32::from_bits((key.max(0) as u32) << LEVEL_SHIFT);
+        let lod_error = if key == first_key { 0.0 } else { lod_error };
+        levels.push(level(errors.partition_point(|&e| e > lod_error) as u32));
+    }
+    first_key
 }
 
 /// A submesh's draw state.
@@ -277,4 +336,72 @@ pub fn validate(baked: &Baked) -> Result<(), RenderError> {
         place,
         reason,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bands(counts: &[u32]) -> Vec<Band> {
+        let band = |&vertex_count| Band {
+            first_index: 0,
+            index_count: 3 * u32::from(vertex_count > 4),
+            vertex_count,
+            error: 0.0,
+        };
+        counts.iter().map(band).collect()
+    }
+
+    /// The level that shaders look up for an error.
+    fn look_up(levels: &[LevelInfo], first_key: i32, lod_error: f32) -> LevelInfo {
+        let last = levels.len() as i32 - 1;
+        levels[(level_key(lod_error) - first_key + 1).clamp(1, last) as usize]
+    }
+
+    #[test]
+    fn a_level_is_that_of_its_error_rounded_down() {
+        let mut errors: Vec<f32> = vec![f32::INFINITY; 3];
+        errors.extend((0..500).map(|i| 0.3 * 0.98f32.powi(i)));
+        errors.extend([0.0; 5]);
+        let bands = bands(&[508, 200, 90, 40, 3]);
+        let mut levels = Vec::new();
+        let first_key = append_levels(&mut levels, &errors, &bands, 10);
+        assert_eq!((levels[0].live_vertex_count, levels[0].bin), (508, 10));
+        for i in 0..4000 {
+            let lod_error = 1e-7 * 1.005f32.powi(i);
+            let step = f32::from_bits(lod_error.to_bits() >> LEVEL_SHIFT << LEVEL_SHIFT);
+            assert!(step <= lod_error && lod_error <= step * (1.0 + 1.0 / 64.0));
+            let live = errors.partition_point(|&e| e > step) as u32;
+            let level = look_up(&levels, first_key, lod_error);
+            assert_eq!(level.live_vertex_count, live, "at {lod_error}");
+            let band = bands.iter().rposition(|b| b.vertex_count >= live);
+            let band = band.expect("the first holds all");
+            let bin = if bands[band].index_count > 0 {
+                10 + band as u32
+            } else {
+                BIN_NONE
+            };
+            assert_eq!(level.bin, bin, "at {lod_error}");
+        }
+        assert_eq!(look_up(&levels, first_key, 0.0).live_vertex_count, 503);
+        assert_eq!(look_up(&levels, first_key, 1e30).bin, BIN_NONE);
+    }
+
+    /// Without collapses, and with only such as cost nothing.
+    #[test]
+    fn a_submesh_that_never_changes_has_levels() {
+        for errors in [
+            vec![f32::INFINITY; 5],
+            vec![f32::INFINITY, 0.0, 0.0, 0.0, 0.0],
+        ] {
+            let mut levels = Vec::new();
+            let first_key = append_levels(&mut levels, &errors, &bands(&[5]), 0);
+            assert!(levels.len() >= 2);
+            let alive = errors.iter().filter(|e| **e > 0.0).count() as u32;
+            for lod_error in [0.0, 1e-20, 1.0, 1e20] {
+                let level = look_up(&levels, first_key, lod_error);
+                assert_eq!(level.live_vertex_count, alive);
+            }
+        }
+    }
 }

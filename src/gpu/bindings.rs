@@ -9,6 +9,8 @@ pub enum Kind {
     Uniform,
     /// `StructuredBuffer`, `RWStructuredBuffer`.
     Storage,
+    /// `Buffer`: a buffer read through a view with a format.
+    Texels,
     /// `Texture2D`, `Texture2DArray`, `TextureCubeArray`.
     Image,
     /// `SamplerState`.
@@ -20,18 +22,25 @@ impl Kind {
         match self {
             Self::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
             Self::Storage => vk::DescriptorType::STORAGE_BUFFER,
+            Self::Texels => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
             Self::Image => vk::DescriptorType::SAMPLED_IMAGE,
             Self::Sampler => vk::DescriptorType::SAMPLER,
         }
     }
 }
 
-use Kind::{Image, Sampler, Storage, Uniform};
+use Kind::{Image, Sampler, Storage, Texels, Uniform};
 
-/// Frame constants, agents, five tables, tally, selected, draws, instances.
+/// Frame constants, agents, characters, clips, submeshes, bands, levels, tally, selected, draws, instances; selected and
+/// draws as the scatter pass reads them.
 pub const SELECT: &[Kind] = &[
+    Uniform, Texels, Texels, Texels, Texels, Storage, Texels, Storage, Storage, Storage, Storage,
+    Texels, Texels,
+];
+/// The same for devices whose texel buffers are small.
+pub const SELECT_STORAGE: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage,
+    Storage, Storage, Storage,
 ];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
@@ -49,6 +58,7 @@ pub const CAPTURE: &[Kind] = &[Storage, Storage];
 pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
     match module {
         "select_count" | "select_scan" | "select_scatter" => &[SELECT],
+        "select_count_storage" | "select_scatter_storage" => &[SELECT_STORAGE],
         "mesh_probe" => &[DRAW, CHARACTER, PROBE],
         "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
         _ => &[DRAW, CHARACTER],

@@ -7,7 +7,7 @@ use gpu_allocator::MemoryLocation;
 use throng_bake::baked::Baked;
 use throng_bake::impostor::capture::{CaptureBatch, CapturedView};
 
-use super::bindings;
+use super::bindings::{self, Kind};
 use super::commands::{Access, Commands};
 use super::context::Context;
 use super::headless::{Headless, dropped};
@@ -177,14 +177,13 @@ impl<'a> Capturer<'a> {
         };
         use vk::BufferUsageFlags as U;
         let indices = objects.buffer("capture indices", U::INDEX_BUFFER, &level.indices)?;
-        let captures = objects.buffer("captures", U::STORAGE_BUFFER, &instances)?;
-        let groups = objects.buffer("joint groups", U::STORAGE_BUFFER, &groups)?;
-        let storage = vk::DescriptorType::STORAGE_BUFFER;
-        write_buffers(
-            cx,
-            self.objects.set,
-            &[(storage, captures), (storage, groups)],
-        );
+        objects.buffer("captures", U::STORAGE_BUFFER, &instances)?;
+        objects.buffer("joint groups", U::STORAGE_BUFFER, &groups)?;
+        let records: Vec<_> = objects.buffers[1..]
+            .iter()
+            .map(|buffer| (Kind::Storage, buffer))
+            .collect();
+        write_buffers(cx, self.objects.set, &records);
         self.upload_poses(&mut objects, batch)?;
 
         let mut pictures = vec![CapturedView::default(); batch.views.len()];

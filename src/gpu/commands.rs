@@ -26,7 +26,7 @@ impl Access {
             Self::TransferRead => (S::ALL_TRANSFER, A::TRANSFER_READ),
             Self::ComputeReadWrite => (
                 S::COMPUTE_SHADER,
-                A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
+                A::SHADER_SAMPLED_READ | A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
             ),
             Self::DrawRead => (
                 S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT,

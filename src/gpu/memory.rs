@@ -11,6 +11,8 @@ use crate::error::RenderError;
 #[derive(Debug)]
 pub(crate) struct Buffer {
     pub handle: vk::Buffer,
+    /// Where [`Context::add_texel_view`] made one.
+    pub view: vk::BufferView,
     pub size_bytes: u64,
     allocation: Option<Allocation>,
 }
@@ -87,6 +89,7 @@ impl Context {
         };
         let mut buffer = Buffer {
             handle,
+            view: vk::BufferView::null(),
             size_bytes,
             allocation: None,
         };
@@ -115,6 +118,27 @@ impl Context {
         }
         self.set_name(handle, name);
         Ok(buffer)
+    }
+
+    /// Makes the view through which shaders read all of a buffer as texels.
+    pub fn add_texel_view(
+        &self,
+        buffer: &mut Buffer,
+        name: &str,
+        format: vk::Format,
+    ) -> Result<(), RenderError> {
+        let info = vk::BufferViewCreateInfo::default()
+            .buffer(buffer.handle)
+            .format(format)
+            .range(vk::WHOLE_SIZE);
+        // SAFETY: the buffer is alive and bound; its owner destroys the view with it.
+        let view = unsafe { self.device.create_buffer_view(&info, None) };
+        buffer.view = view.map_err(RenderError::vulkan(
+            self.full_name(name),
+            "vkCreateBufferView",
+        ))?;
+        self.set_name(buffer.view, name);
+        Ok(())
     }
 
     /// A 2D image in optimal tiling and a view of it.
@@ -196,8 +220,11 @@ impl Context {
 
     /// Destroys a buffer that no pending command uses.
     pub fn destroy_buffer(&self, mut buffer: Buffer) {
-        // SAFETY: the caller's promise; the handle is destroyed once because the buffer is consumed.
-        unsafe { self.device.destroy_buffer(buffer.handle, None) };
+        // SAFETY: the caller's promise; the handles are destroyed once because the buffer is consumed; null is ignored.
+        unsafe {
+            self.device.destroy_buffer_view(buffer.view, None);
+            self.device.destroy_buffer(buffer.handle, None);
+        }
         self.free(buffer.allocation.take());
     }
 

@@ -8,6 +8,7 @@ use ash::vk;
 
 use super::bindings::{self, Kind};
 use super::context::Context;
+use super::memory::Buffer;
 use super::renderer::RendererDesc;
 use super::shaders::{MODULES, Module};
 use crate::error::RenderError;
@@ -109,7 +110,15 @@ impl Pipelines {
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
         use vk::ShaderStageFlags as S;
         let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        self.select_set = set_layout(cx, "select", bindings::SELECT, S::COMPUTE)?;
+        let (select, count, scatter) = match cx.capabilities.reads_texels() {
+            true => (bindings::SELECT, "select_count", "select_scatter"),
+            false => (
+                bindings::SELECT_STORAGE,
+                "select_count_storage",
+                "select_scatter_storage",
+            ),
+        };
+        self.select_set = set_layout(cx, "select", select, S::COMPUTE)?;
         self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
         self.character_set = set_layout(cx, "character", bindings::CHARACTER, draws)?;
         self.probe_set = set_layout(cx, "probe", bindings::PROBE, S::COMPUTE)?;
@@ -127,9 +136,9 @@ impl Pipelines {
             &[self.draw_set, self.character_set, self.probe_set],
             Some((S::COMPUTE, constants)),
         )?;
-        self.count = compute(cx, "select_count", self.select_layout)?;
+        self.count = compute(cx, count, self.select_layout)?;
         self.scan = compute(cx, "select_scan", self.select_layout)?;
-        self.scatter = compute(cx, "select_scatter", self.select_layout)?;
+        self.scatter = compute(cx, scatter, self.select_layout)?;
         self.probe = compute(cx, "mesh_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
         self.impostor = self.graphics(
@@ -534,8 +543,8 @@ pub(super) fn pipeline_layout(
     Ok(layout)
 }
 
-/// A pool for `sets` sets with room for `buffers` storage buffers, as many uniform buffers as sets, and the images and
-/// samplers of a character per set.
+/// A pool for `sets` sets with room for `buffers` storage buffers and as many texel buffers, as many uniform buffers as
+/// sets, and the images and samplers of a character per set.
 pub(crate) fn descriptor_pool(
     cx: &Context,
     name: &str,
@@ -545,6 +554,7 @@ pub(crate) fn descriptor_pool(
     let sizes = [
         (vk::DescriptorType::UNIFORM_BUFFER, sets),
         (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
+        (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, buffers.max(1)),
         (vk::DescriptorType::SAMPLED_IMAGE, 8 * sets),
         (vk::DescriptorType::SAMPLER, 2 * sets),
     ]
@@ -583,30 +593,30 @@ pub(crate) fn allocate_set(
     Ok(set)
 }
 
-/// Writes buffers to a set's bindings from 0 up: uniform where said, else storage.
-pub(crate) fn write_buffers(
-    cx: &Context,
-    set: vk::DescriptorSet,
-    buffers: &[(vk::DescriptorType, vk::Buffer)],
-) {
+/// Writes buffers to a set's bindings from 0 up.
+pub(crate) fn write_buffers(cx: &Context, set: vk::DescriptorSet, buffers: &[(Kind, &Buffer)]) {
     let infos: Vec<_> = buffers
         .iter()
-        .map(|&(_, buffer)| {
+        .map(|(_, buffer)| {
             [vk::DescriptorBufferInfo {
-                buffer,
+                buffer: buffer.handle,
                 offset: 0,
                 range: vk::WHOLE_SIZE,
             }]
         })
         .collect();
+    let views: Vec<_> = buffers.iter().map(|(_, buffer)| [buffer.view]).collect();
     let writes: Vec<_> = (0u32..)
-        .zip(buffers.iter().zip(&infos))
-        .map(|(i, (&(ty, _), info))| {
-            vk::WriteDescriptorSet::default()
+        .zip(buffers.iter().zip(infos.iter().zip(&views)))
+        .map(|(i, (&(kind, _), (info, view)))| {
+            let write = vk::WriteDescriptorSet::default()
                 .dst_set(set)
                 .dst_binding(i)
-                .descriptor_type(ty)
-                .buffer_info(info)
+                .descriptor_type(kind.descriptor_type());
+            match kind {
+                Kind::Texels => write.texel_buffer_view(view),
+                _ => write.buffer_info(info),
+            }
         })
         .collect();
     // SAFETY: buffers are alive; no pending command uses the set (`begin_frame`'s contract, or the set is new).

@@ -4,6 +4,7 @@ use ash::vk;
 use glam::Vec4;
 use gpu_allocator::MemoryLocation;
 
+use super::bindings::Kind;
 use super::commands::{Access, Commands};
 use super::memory::Buffer;
 use super::pipeline::{allocate_set, descriptor_pool, write_buffers};
@@ -63,11 +64,7 @@ impl Probe {
                 return Err(e);
             }
         };
-        write_buffers(
-            cx,
-            set,
-            &[(vk::DescriptorType::STORAGE_BUFFER, output.handle)],
-        );
+        write_buffers(cx, set, &[(Kind::Storage, &output)]);
         Ok(Self {
             output,
             pool,

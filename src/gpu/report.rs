@@ -41,7 +41,7 @@ impl Renderer {
                 (
                     tally[TALLY_VISIBLE] as u64,
                     tally[TALLY_LIVE_VERTICES_LOW] as u64
-                        + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 16),
+                        + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
                     counts,
                 )
             }
@@ -109,7 +109,7 @@ impl Renderer {
             draws,
             visible: tally[TALLY_VISIBLE] as u64,
             live_vertices: tally[TALLY_LIVE_VERTICES_LOW] as u64
-                + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 16),
+                + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
         })
     }
 

@@ -40,11 +40,19 @@ pub(crate) struct Capabilities {
     pub device: String,
     pub driver: String,
     pub storage_range: u64,
+    pub texel_count: u64,
     pub image_size: u32,
     pub image_layers: u32,
     pub draw_indirect_count: u32,
     pub workgroups: u32,
     pub timestamp_ns: Option<f64>,
+}
+
+impl Capabilities {
+    /// Texel buffers are large enough to hold any crowd; Vulkan only promises 65,536 texels.
+    pub fn reads_texels(&self) -> bool {
+        self.texel_count >= 1 << 24
+    }
 }
 
 /// Checks `physical_device` against everything the library needs.
@@ -58,7 +66,10 @@ pub(crate) fn check(
     depth_format: vk::Format,
 ) -> Result<Capabilities, RenderError> {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
+    let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default()
+        .push_next(&mut driver)
+        .push_next(&mut subgroups);
     let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default();
     let mut features = vk::PhysicalDeviceFeatures2::default();
     // SAFETY: the caller's promise in `Renderer::new` is that instance and physical device are alive.
@@ -107,11 +118,19 @@ pub(crate) fn check(
             return Err(missing(feature, needed_for));
         }
     }
+    let sums = vk::SubgroupFeatureFlags::ARITHMETIC | vk::SubgroupFeatureFlags::BALLOT;
+    if !(subgroups.supported_operations.contains(sums)
+        && subgroups
+            .supported_stages
+            .contains(vk::ShaderStageFlags::COMPUTE))
+    {
+        return Err(missing("subgroup sums and ballots in compute", "select"));
+    }
     let l = &p.limits;
     for (has, needs, limit, needed_for) in [
         (
             l.max_per_stage_descriptor_storage_buffers,
-            11,
+            13,
             "maxPerStageDescriptorStorageBuffers",
             "select",
         ),
@@ -202,6 +221,7 @@ pub(crate) fn check(
     Ok(Capabilities {
         device,
         driver: format!("{driver_name} {driver_info}"),
+        texel_count: l.max_texel_buffer_elements as u64,
         storage_range: l.max_storage_buffer_range as u64,
         image_size: l.max_image_dimension2_d,
         image_layers: l.max_image_array_layers,

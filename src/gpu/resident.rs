@@ -214,11 +214,7 @@ pub(crate) fn make(
     };
     staging_buffer.write(0, &staging.bytes);
     constants.write(0, &[prepare::constants(baked)]);
-    write_buffers(
-        cx,
-        set,
-        &[(vk::DescriptorType::UNIFORM_BUFFER, constants.handle)],
-    );
+    write_buffers(cx, set, &[(Kind::Uniform, &constants)]);
     write_images(cx, set, &resident_images, pipelines);
     let resident = Resident {
         draws,
@@ -375,7 +371,7 @@ fn write_images(cx: &Context, set: vk::DescriptorSet, images: &[Image], pipeline
             let (sampler, view) = match kind {
                 Kind::Image => (None, images.next()),
                 Kind::Sampler => (samplers.next(), None),
-                Kind::Uniform | Kind::Storage => return None,
+                Kind::Uniform | Kind::Storage | Kind::Texels => return None,
             };
             let info = vk::DescriptorImageInfo {
                 sampler: sampler.unwrap_or_default(),

@@ -3,6 +3,7 @@
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
+use super::bindings::{self, Kind};
 use super::context::Context;
 use super::memory::Buffer;
 use super::pipeline::{Pipelines, allocate_set, descriptor_pool, write_buffers};
@@ -101,28 +102,21 @@ pub(crate) struct TableBuffers {
 impl TableBuffers {
     pub fn new(cx: &Context, tables: &Tables, version: u64) -> Result<Self, RenderError> {
         let mut made: Vec<Buffer> = Vec::new();
-        let mut table = |name: &str, bytes: &[u8]| -> Result<(), RenderError> {
-            check_range(cx, name, bytes.len() as u64)?;
-            let mut buffer = cx.create_buffer(
-                name,
-                bytes.len() as u64,
-                vk::BufferUsageFlags::STORAGE_BUFFER,
-                MemoryLocation::CpuToGpu,
-            )?;
+        let mut table = |name: &str, texel: vk::Format, bytes: &[u8]| {
+            let size = bytes.len() as u64;
+            let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
+            let mut buffer =
+                create_records(cx, name, size, usage, MemoryLocation::CpuToGpu, texel)?;
             buffer.write(0, bytes);
             made.push(buffer);
             Ok(())
         };
-        let result = table("characters", bytemuck::cast_slice(&tables.characters))
-            .and_then(|()| table("clips", bytemuck::cast_slice(&tables.clips)))
-            .and_then(|()| table("submeshes", bytemuck::cast_slice(&tables.submeshes)))
-            .and_then(|()| table("bands", bytemuck::cast_slice(&tables.bands)))
-            .and_then(|()| {
-                table(
-                    "collapse errors",
-                    bytemuck::cast_slice(&tables.collapse_errors),
-                )
-            });
+        use bytemuck::cast_slice;
+        let result = table("characters", UINT4, cast_slice(&tables.characters))
+            .and_then(|()| table("clips", UINT4, cast_slice(&tables.clips)))
+            .and_then(|()| table("submeshes", UINT4, cast_slice(&tables.submeshes)))
+            .and_then(|()| table("bands", UINT4, cast_slice(&tables.bands)))
+            .and_then(|()| table("levels", UINT2, cast_slice(&tables.levels)));
         match (result, made.try_into()) {
             (Ok(()), Ok(buffers)) => Ok(Self { version, buffers }),
             (Err(e), Err(made)) => {
@@ -135,6 +129,50 @@ impl TableBuffers {
 
     pub fn into_buffers(self) -> [Buffer; 5] {
         self.buffers
+    }
+}
+
+const UINT4: vk::Format = vk::Format::R32G32B32A32_UINT;
+const UINT2: vk::Format = vk::Format::R32G32_UINT;
+const UINT: vk::Format = vk::Format::R32_UINT;
+
+/// A buffer that the select stage reads as texels of a format, where the device's texel buffers are large.
+///
+/// Errors: [`RenderError::Limit`] where the device allows none so large.
+fn create_records(
+    cx: &Context,
+    name: &str,
+    bytes: u64,
+    usage: vk::BufferUsageFlags,
+    location: MemoryLocation,
+    texel: vk::Format,
+) -> Result<Buffer, RenderError> {
+    check_range(cx, name, bytes)?;
+    if !cx.capabilities.reads_texels() {
+        return cx.create_buffer(name, bytes, usage, location);
+    }
+    let texel_bytes = match texel {
+        UINT4 => 16,
+        UINT2 => 8,
+        _ => 4,
+    };
+    if bytes / texel_bytes > cx.capabilities.texel_count {
+        return Err(RenderError::Limit {
+            object: cx.full_name(name),
+            needed: bytes / texel_bytes,
+            limit: cx.capabilities.texel_count,
+            unit: "texels in a buffer",
+            hint: "draw fewer agents with one renderer, or split the crowd",
+        });
+    }
+    let usage = usage | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
+    let mut buffer = cx.create_buffer(name, bytes, usage, location)?;
+    match cx.add_texel_view(&mut buffer, name, texel) {
+        Ok(()) => Ok(buffer),
+        Err(e) => {
+            cx.destroy_buffer(buffer);
+            Err(e)
+        }
     }
 }
 
@@ -265,34 +303,33 @@ impl Slot {
         if let Some(b) = &self.buffers
             && (!fits || self.table_version != tables.version)
         {
-            const UNIFORM: vk::DescriptorType = vk::DescriptorType::UNIFORM_BUFFER;
-            const STORAGE: vk::DescriptorType = vk::DescriptorType::STORAGE_BUFFER;
-            let [characters, clips, submeshes, bands, errors] = &tables.buffers;
-            let mut select = vec![(UNIFORM, self.constants.handle)];
-            select.extend(
-                [
-                    &b.agents,
-                    characters,
-                    clips,
-                    submeshes,
-                    bands,
-                    errors,
-                    &b.tally,
-                    &b.selected,
-                    &b.draws,
-                    &b.instances,
-                ]
-                .map(|buffer| (STORAGE, buffer.handle)),
-            );
+            let [characters, clips, submeshes, bands, levels] = &tables.buffers;
+            let select = [
+                &self.constants,
+                &b.agents,
+                characters,
+                clips,
+                submeshes,
+                bands,
+                levels,
+                &b.tally,
+                &b.selected,
+                &b.draws,
+                &b.instances,
+                &b.selected,
+                &b.draws,
+            ];
+            let kinds = match cx.capabilities.reads_texels() {
+                true => bindings::SELECT,
+                false => bindings::SELECT_STORAGE,
+            };
+            let select: Vec<_> = kinds.iter().copied().zip(select).collect();
             write_buffers(cx, self.select_set, &select);
-            write_buffers(
-                cx,
-                self.draw_set,
-                &[
-                    (UNIFORM, self.constants.handle),
-                    (STORAGE, b.instances.handle),
-                ],
-            );
+            let draw = [
+                (Kind::Uniform, &self.constants),
+                (Kind::Storage, &b.instances),
+            ];
+            write_buffers(cx, self.draw_set, &draw);
             self.table_version = tables.version;
         }
         Ok(())
@@ -319,14 +356,11 @@ impl Slot {
                 vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::VERTEX_BUFFER,
                 MemoryLocation::CpuToGpu,
             )?;
-            write_buffers(
-                cx,
-                self.cpu_draw_set,
-                &[
-                    (vk::DescriptorType::UNIFORM_BUFFER, self.constants.handle),
-                    (vk::DescriptorType::STORAGE_BUFFER, instances.handle),
-                ],
-            );
+            let draw = [
+                (Kind::Uniform, &self.constants),
+                (Kind::Storage, &instances),
+            ];
+            write_buffers(cx, self.cpu_draw_set, &draw);
             if let Some(old) = self.cpu_instances.replace(instances) {
                 cx.destroy_buffer(old);
             }
@@ -372,32 +406,38 @@ impl SlotBuffers {
         };
         let storage = U::STORAGE_BUFFER;
         let source = storage | U::TRANSFER_SRC;
+        let agents = shape.agents as u64 * size_of::<AgentState>() as u64;
+        let selected =
+            shape.agents as u64 * shape.submesh_stride as u64 * size_of::<Selected>() as u64;
         let wanted = [
+            ("agents", agents, storage, CpuToGpu, Some(UINT4)),
+            ("tally", tally, source | U::TRANSFER_DST, GpuOnly, None),
+            ("selected", selected, storage, GpuOnly, Some(UINT4)),
             (
-                "agents",
-                shape.agents as u64 * size_of::<AgentState>() as u64,
-                storage,
-                CpuToGpu,
-            ),
-            ("tally", tally, source | U::TRANSFER_DST, GpuOnly),
-            (
-                "selected",
-                shape.agents as u64 * shape.submesh_stride as u64 * size_of::<Selected>() as u64,
-                storage,
+                "draws",
+                draws,
+                source | U::INDIRECT_BUFFER,
                 GpuOnly,
+                Some(UINT),
             ),
-            ("draws", draws, source | U::INDIRECT_BUFFER, GpuOnly),
-            ("instances", instances, source | U::VERTEX_BUFFER, GpuOnly),
-            ("readback", readback, U::TRANSFER_DST, GpuToCpu),
+            (
+                "instances",
+                instances,
+                source | U::VERTEX_BUFFER,
+                GpuOnly,
+                None,
+            ),
+            ("readback", readback, U::TRANSFER_DST, GpuToCpu, None),
         ];
         let mut made: Vec<Buffer> = Vec::new();
-        for (what, bytes, usage, location) in wanted {
+        for (what, bytes, usage, location, texel) in wanted {
             let name = format!("{what} of frame {index}");
-            let buffer = match usage.contains(storage) {
-                true => check_range(cx, &name, bytes),
-                false => Ok(()),
-            }
-            .and_then(|()| cx.create_buffer(&name, bytes, usage, location));
+            let buffer = match texel {
+                Some(texel) => create_records(cx, &name, bytes, usage, location, texel),
+                None if usage.contains(storage) => check_range(cx, &name, bytes)
+                    .and_then(|()| cx.create_buffer(&name, bytes, usage, location)),
+                None => cx.create_buffer(&name, bytes, usage, location),
+            };
             match buffer {
                 Ok(buffer) => made.push(buffer),
                 Err(e) => {

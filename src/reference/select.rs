@@ -4,9 +4,9 @@ use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants,
-    Instance, SHADOW_SHARE, SKINNING_ERROR_SHARE, SubmeshInfo,
+    Instance, SKINNING_ERROR_SHARE, SubmeshInfo,
 };
-use crate::prepare::Tables;
+use crate::prepare::{Tables, level_key};
 
 /// What the stage writes.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -98,9 +98,8 @@ fn support(clip: &ClipInfo, agent: &AgentState, plane: Vec4) -> f32 {
         agent.heading_sin * plane.x + agent.heading_cos * plane.z,
     );
     let origin = plane.truncate().dot(agent.position.into()) + plane.w;
-    let sphere = n.dot(clip.sphere_center.into()) + clip.sphere_radius;
-    let bounds = n.dot(clip.box_center.into()) + n.abs().dot(clip.box_half_extent.into());
-    origin + agent.scale * sphere.min(bounds)
+    origin
+        + agent.scale * (n.dot(clip.box_center.into()) + n.abs().dot(clip.box_half_extent.into()))
 }
 
 fn distance_to_sphere(clip: &ClipInfo, agent: &AgentState, frame: &FrameConstants) -> f32 {
@@ -186,28 +185,18 @@ fn make_instance(
         heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
         sample_weights: [sample_weights[0], sample_weights[1], sample_weights[2]],
-        shadow_radius: SHADOW_SHARE
-            * agent.scale
-            * (clips[0].box_half_extent[0] * clips[0].box_half_extent[2]).sqrt(),
+        shadow_radius: agent.scale * clips[0].shadow_radius,
     }
 }
 
 /// The bin and the live vertices of a submesh at an error.
 fn choose_band(tables: &Tables, submesh: &SubmeshInfo, lod_error: f32) -> (u32, u32) {
-    let errors =
-        &tables.collapse_errors[submesh.first_error as usize..][..submesh.vertex_count as usize];
-    let live = if lod_error < 0.0 {
-        submesh.vertex_count
+    let last = submesh.level_count as i32 - 1;
+    let level = if lod_error < 0.0 {
+        0
     } else {
-        errors.partition_point(|&e| e > lod_error) as u32
+        (level_key(lod_error) - submesh.first_key + 1).clamp(1, last)
     };
-    let bands = &tables.bands[submesh.first_bin as usize..][..submesh.band_count as usize];
-    let band = bands
-        .iter()
-        .rposition(|b| b.vertex_count >= live)
-        .unwrap_or(0);
-    if live < 3 || bands[band].index_count == 0 {
-        return (BIN_NONE, live);
-    }
-    (submesh.first_bin + band as u32, live)
+    let level = &tables.levels[submesh.first_level as usize + level as usize];
+    (level.bin, level.live_vertex_count)
 }
