@@ -1,7 +1,7 @@
 //! The baked character: plain arrays that upload as they are. [`crate::file`] stores exactly this.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 use serde::{Deserialize, Serialize};
 
 use crate::character::{Clip, Node};
@@ -120,6 +120,26 @@ pub struct CollapseEntry {
 pub struct PaletteEntry {
     /// Row-major.
     pub rows: [[f32; 4]; 3],
+}
+
+impl PaletteEntry {
+    /// The rows of `m`.
+    pub fn from_affine(m: &Affine3A) -> Self {
+        let (c, t) = (m.matrix3, m.translation);
+        let row = |i: usize| [c.x_axis[i], c.y_axis[i], c.z_axis[i], t[i]];
+        Self {
+            rows: [row(0), row(1), row(2)],
+        }
+    }
+
+    /// As a transform.
+    pub fn to_affine(&self) -> Affine3A {
+        let column = |i: usize| Vec3A::from([0, 1, 2].map(|row| self.rows[row][i]));
+        Affine3A {
+            matrix3: Mat3A::from_cols(column(0), column(1), column(2)),
+            translation: column(3),
+        }
+    }
 }
 
 /// A clip's frames in the palette, and bounds that hold in all of them.

@@ -11,7 +11,7 @@
 //! | 32.. | sections: id (4 bytes), zero (4 bytes), offset (8), length in bytes (8) |
 //!
 //! Section payloads begin at multiples of 16. `META` is JSON: names, records and extents; the others are arrays that upload
-//! without parsing. Reading checks every index, count and number before anything else may use them.
+//! without parsing. A character with impostors has five sections more. Reading checks every index, count and number before anything else may use them.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -24,12 +24,13 @@ use serde::{Deserialize, Serialize};
 use crate::baked::{Baked, BakedClip, BodyPart, Submesh, TextureArray};
 use crate::character::{Clip, Interpolation, Joint, Node, Property, Track};
 use crate::error::FileError;
+use crate::impostor::file::{self as impostor_file, ImpostorMeta};
 use crate::validate;
 
 /// First bytes of every baked character.
 pub const MAGIC: [u8; 8] = *b"THRONG\r\n";
 /// Version that this build reads and writes.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 const HEADER_BYTES: usize = 32;
 const ENTRY_BYTES: usize = 24;
@@ -55,6 +56,7 @@ struct Meta {
     texture_size: [u32; 2],
     texture_layers: u32,
     texture_mips: u32,
+    impostors: Option<ImpostorMeta>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -85,7 +87,10 @@ pub fn is_baked(bytes: &[u8]) -> bool {
 pub fn to_bytes(baked: &Baked) -> Vec<u8> {
     let wide_indices = baked.submeshes.iter().any(|s| s.vertex_count > 1 << 16);
     let (clip_meta, keys) = split_clips(&baked.source_clips);
+    let impostors = baked.impostors.as_ref().map(impostor_file::split);
+    let (impostor_meta, impostor_arrays) = impostors.unzip();
     let meta = Meta {
+        impostors: impostor_meta,
         name: baked.name.clone(),
         submeshes: baked.submeshes.clone(),
         position_min: baked.position_min,
@@ -111,7 +116,7 @@ pub fn to_bytes(baked: &Baked) -> Vec<u8> {
         narrow = baked.indices.iter().map(|&i| i as u16).collect();
         bytemuck::cast_slice(&narrow)
     };
-    let sections: [(&[u8; 4], &[u8]); 8] = [
+    let mut sections: Vec<(&[u8], &[u8])> = vec![
         (b"META", &meta),
         (b"VERT", bytemuck::cast_slice(&baked.vertices)),
         (b"COLL", bytemuck::cast_slice(&baked.collapse)),
@@ -121,11 +126,15 @@ pub fn to_bytes(baked: &Baked) -> Vec<u8> {
         (b"KEYS", bytemuck::cast_slice(&keys)),
         (b"TEXR", bytemuck::cast_slice(&baked.textures.pixels)),
     ];
+    if let Some(arrays) = &impostor_arrays {
+        let named = impostor_file::SECTIONS.iter().zip(arrays);
+        sections.extend(named.map(|(id, array)| (id.as_bytes(), &array[..])));
+    }
     let mut out =
         vec![0; (HEADER_BYTES + ENTRY_BYTES * sections.len()).next_multiple_of(ALIGNMENT)];
     for (i, (id, payload)) in sections.iter().enumerate() {
         let (at, offset) = (HEADER_BYTES + ENTRY_BYTES * i, out.len());
-        out[at..at + 4].copy_from_slice(*id);
+        out[at..at + 4].copy_from_slice(id);
         out[at + 8..at + 16].copy_from_slice(&(offset as u64).to_le_bytes());
         out[at + 16..at + 24].copy_from_slice(&(payload.len() as u64).to_le_bytes());
         out.extend_from_slice(payload);
@@ -214,6 +223,17 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Baked, FileError> {
             .map(u32::from)
             .collect()
     };
+    let impostors = match meta.impostors {
+        None => None,
+        Some(records) => {
+            let mut arrays = [&[][..]; 5];
+            for (array, id) in arrays.iter_mut().zip(impostor_file::SECTIONS) {
+                *array = find(id)?;
+            }
+            let joined = impostor_file::join(records, arrays);
+            Some(joined.map_err(|(place, reason)| malformed(place, reason))?)
+        }
+    };
     let keys = array::<f32>(find("KEYS")?).map_err(|e| malformed("KEYS", e))?;
     let baked = Baked {
         vertices: array(find("VERT")?).map_err(|e| malformed("VERT", e))?,
@@ -240,7 +260,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Baked, FileError> {
         nodes: meta.nodes,
         joints: meta.joints,
         error_max: meta.error_max,
-        impostors: None,
+        impostors,
     };
     validate::validate(&baked).map_err(|(place, reason)| malformed(&place, reason))?;
     Ok(baked)
@@ -299,7 +319,7 @@ fn sections(bytes: &[u8]) -> Result<BTreeMap<[u8; 4], &[u8]>, String> {
 }
 
 /// The section as records.
-fn array<T: Pod>(payload: &[u8]) -> Result<Vec<T>, String> {
+pub(crate) fn array<T: Pod>(payload: &[u8]) -> Result<Vec<T>, String> {
     if !payload.len().is_multiple_of(size_of::<T>()) {
         return Err(format!(
             "{} bytes are no whole number of records of {}",

@@ -78,7 +78,7 @@ pub fn sample_clips(
     let mut out = Vec::with_capacity(baked.len());
     for (frames, mut clip) in baked {
         clip.first_frame = (palette.len() / character.joints.len()) as u32;
-        palette.extend(frames.iter().flatten().map(entry));
+        palette.extend(frames.iter().flatten().map(PaletteEntry::from_affine));
         out.push(clip);
     }
     Ok((palette, out))
@@ -98,15 +98,6 @@ fn frames(character: &Character, clip: &Clip, frame_count: usize) -> Vec<Vec<Aff
         frames.truncate(1);
     }
     frames
-}
-
-/// Rows of the 3x4 matrix.
-fn entry(m: &Affine3A) -> PaletteEntry {
-    let (c, t) = (m.matrix3, m.translation);
-    let row = |i: usize| [c.x_axis[i], c.y_axis[i], c.z_axis[i], t[i]];
-    PaletteEntry {
-        rows: [row(0), row(1), row(2)],
-    }
 }
 
 /// One vertex for each position and skinning.

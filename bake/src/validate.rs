@@ -16,7 +16,10 @@ pub fn validate(b: &Baked) -> Result<(), (String, String)> {
     vertices(b)?;
     animation(b)?;
     skeleton(b)?;
-    textures(b)
+    textures(b)?;
+    b.impostors
+        .as_ref()
+        .map_or(Ok(()), |i| crate::impostor::validate::validate(b, i))
 }
 
 fn check(ok: bool, place: impl FnOnce() -> String, reason: &str) -> Result<(), (String, String)> {

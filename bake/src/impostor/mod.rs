@@ -11,13 +11,24 @@
 //!
 //! Source: Izquierdo 2014, §3.1.3 and §4.2; the Voronoi cells are exact here, and hold three neighbours for blending.
 
+pub mod build;
 pub mod capture;
+mod clip_poses;
+pub(crate) mod file;
+pub mod groups;
+mod pack;
+mod picture;
+pub mod pose;
+pub(crate) mod validate;
+pub mod views;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Texels in a row of a face of a view set's cube map.
 pub const CUBE_SIZE: u32 = 32;
+/// Texels of a view set's cube map.
+pub const CUBE_TEXELS: usize = (6 * CUBE_SIZE * CUBE_SIZE) as usize;
 /// [`Quad::joint`] of a quad in model space.
 pub const NO_JOINT: u32 = u32::MAX;
 
@@ -137,4 +148,21 @@ pub struct Atlas {
     /// Normal along right and up (128 is 0, 1 and 255 are -1 and 1), body part in bits 0-5 with its tint rule in bits 6-7,
     /// and depth towards the eye (0 and 255 are the far and the near end of the quad's extent). As `color`.
     pub surface: Vec<[u8; 4]>,
+}
+
+impl Atlas {
+    /// Bytes of both pictures, all mips, as they are.
+    pub fn size_bytes(&self) -> u64 {
+        ((self.color.len() + self.surface.len()) * 4) as u64
+    }
+
+    /// Columns, rows and the first texel of a mip in `color` and `surface`.
+    pub fn mip(&self, mip: u32) -> (u32, u32, usize) {
+        let texels = |m: u32| (self.width >> m) as usize * (self.height >> m) as usize;
+        (
+            self.width >> mip,
+            self.height >> mip,
+            (0..mip).map(texels).sum(),
+        )
+    }
 }

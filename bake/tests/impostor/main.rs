@@ -1,0 +1,9 @@
+//! Impostors: views, groups, and what a build makes of pictures that a small renderer of the tests' own takes.
+
+mod build;
+mod capture;
+#[path = "../common/mod.rs"]
+mod common;
+mod file;
+mod groups;
+mod views;
