@@ -1,4 +1,6 @@
-// ground: the plane y = 0 out to the horizon, paved, as one quad around the camera.
+// ground: the plane y = 0 out to the horizon, paved, as a square around the camera and rings around that, each a fixed
+// number of times as wide as the one within: drivers interpolate place and depth over triangles near the camera's size
+// well, and over a single huge one badly (SwiftShader: by half a slab).
 // The paving is filtered over each pixel's footprint, so that it fades instead of flickering.
 
 #include "gpu_types.hlsli"
@@ -7,8 +9,9 @@
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
-// Half the quad's side in metres; haze covers its edge.
-static const float HALF_SIDE = 20000.0;
+// Half the side of the innermost square in metres, and how often each ring doubles it; haze covers the edge of the last.
+static const float FIRST_HALF_SIDE = 1.25;
+static const uint RING_DOUBLINGS = 2u;
 // Metres of a slab, and the share of it that is joint.
 static const float SLAB = 1.2;
 static const float JOINT = 0.03;
@@ -21,9 +24,22 @@ struct Interpolants
 
 Interpolants VSMain(uint vertex : SV_VertexID)
 {
-    float2 corner = float2(vertex & 1u, vertex >> 1) * 2.0 - 1.0;
+    // Two triangles each: the square, then four trapezoids of every ring.
+    static const uint CORNERS[6] = { 0u, 1u, 2u, 2u, 1u, 3u };
+    uint piece = vertex / 6u;
+    uint corner = CORNERS[vertex % 6u];
+    float2 place = float2(corner & 1u, corner >> 1) * 2.0 - 1.0;
+    float half_side = FIRST_HALF_SIDE;
+    if (piece > 0u)
+    {
+        // A trapezoid from the side y = -1 of the inner square to that of the outer one, turned by quarters.
+        uint side = (piece - 1u) % 4u;
+        half_side *= float(1u << (RING_DOUBLINGS * ((piece - 1u) / 4u + (corner >> 1))));
+        place.y = -1.0;
+        place = side == 0u ? place : side == 1u ? float2(-place.y, place.x) : side == 2u ? -place : float2(place.y, -place.x);
+    }
     Interpolants o;
-    o.offset = corner * HALF_SIDE;
+    o.offset = place * half_side;
     o.position = mul(frame.clip_from_world, float4(frame.eye.x + o.offset.x, 0.0, frame.eye.z + o.offset.y, 1.0));
     return o;
 }

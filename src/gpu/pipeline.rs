@@ -162,7 +162,7 @@ impl Pipelines {
                 instanced: false,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
-                topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: true,
                 darkens: false,
             },
