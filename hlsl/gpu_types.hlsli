@@ -18,8 +18,8 @@
 #define IMPOSTOR_MIP_BIAS -0.25
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
-// Bits of a LOD error below its step: 64 steps to a doubling.
-#define LEVEL_SHIFT 17
+// Bits of a LOD error below its step: 128 steps to a doubling.
+#define LEVEL_SHIFT 16
 // Selected::bin of a submesh that draws nothing.
 #define BIN_NONE 0xffffffffu
 // Where the tally buffer holds what; the lists' counts follow.

@@ -18,8 +18,8 @@ pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.25;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
-/// Bits of a LOD error below its step: 64 steps to a doubling.
-pub const LEVEL_SHIFT: u32 = 17;
+/// Bits of a LOD error below its step: 128 steps to a doubling.
+pub const LEVEL_SHIFT: u32 = 16;
 /// `Selected::bin` of a submesh that draws nothing.
 pub const BIN_NONE: u32 = u32::MAX;
 /// Place of the visible agents' count in the tally buffer.

@@ -370,7 +370,7 @@ mod tests {
         for i in 0..4000 {
             let lod_error = 1e-7 * 1.005f32.powi(i);
             let step = f32::from_bits(lod_error.to_bits() >> LEVEL_SHIFT << LEVEL_SHIFT);
-            assert!(step <= lod_error && lod_error <= step * (1.0 + 1.0 / 64.0));
+            assert!(step <= lod_error && lod_error <= step * (1.0 + 1.0 / 128.0));
             let live = errors.partition_point(|&e| e > step) as u32;
             let level = look_up(&levels, first_key, lod_error);
             assert_eq!(level.live_vertex_count, live, "at {lod_error}");
