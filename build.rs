@@ -43,6 +43,7 @@ const MODULES: &[ModuleRow] = &[
     ("impostor_ps", "impostor.hlsl", "PSMain", FRAGMENT, &[]),
     ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[]),
     ("capture_ps", "capture.hlsl", "PSMain", FRAGMENT, &[]),
+    ("impostor_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[]),
     ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),
     ("ground_ps", "ground.hlsl", "PSMain", FRAGMENT, &[]),
     ("shadow_vs", "shadow.hlsl", "VSMain", VERTEX, &[]),

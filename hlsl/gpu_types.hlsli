@@ -12,6 +12,13 @@
 #define PALETTE_ROW_ENTRIES 1024
 // Vertices in a row of the vertex texture: 2 texels each; of the collapse texture: 1 texel each.
 #define VERTEX_ROW_VERTICES 2048
+// Parts of an impostor's Instance::live_vertex_count.
+#define IMPOSTOR_POSE_MASK 0xfffffu
+#define IMPOSTOR_FADE_SHIFT 20
+#define IMPOSTOR_FADES_OUT 0x10000000u
+// Ranges of projected size per character, and how much further than its end a range fades out.
+#define MAX_RANGES 4
+#define FADE_SPAN 0.12
 // Texels in a row of a character's impostor texture.
 #define IMPOSTOR_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.
@@ -27,6 +34,7 @@
 // Sum of live vertices, 64 bits.
 #define TALLY_LIVE_VERTICES_LOW 1
 #define TALLY_LIVE_VERTICES_HIGH 2
+#define TALLY_MESHES 3
 #define TALLY_BINS 4
 // CaptureInstance::group of a picture of all surfaces.
 #define CAPTURE_ALL_GROUPS 0xffffffffu
@@ -75,9 +83,9 @@ struct ClipInfo
     float3 sphere_center;
     float sphere_radius;
     float3 box_center;
-    uint padding0;
+    uint first_pose; // of the impostors' pictures
     float3 box_half_extent;
-    uint padding1;
+    uint pose_count; // 0 where there are none
     uint first_frame;
     uint frame_count;
     float nearest_error; // bind-space units that the nearest frame is off by
@@ -110,6 +118,13 @@ struct BandInfo
     uint padding;
 };
 
+// A range of projected sizes and the representation that draws it.
+struct RangeInfo
+{
+    float units_end; // bind-space units per pixel at its far end
+    uint bin; // of an impostor kind; BIN_NONE: the mesh
+};
+
 // What the count pass found for one submesh of one agent.
 struct Selected
 {
@@ -126,7 +141,7 @@ struct Instance
     float3 position; // world
     float heading_cos; // times scale
     uint tint_seed;
-    uint live_vertex_count; // of an impostor: the bits of its fade
+    uint live_vertex_count; // of an impostor: its pose, fade in 255ths from bit 20, bit 28 where it fades out
     uint packed; // influences, 1 to 4, in bits 0-2; frames, 1, 2 or 4, in bits 3-5; agent from bit 6
     float heading_sin; // times scale
     uint4 sample_entries; // first palette entry of each frame
@@ -174,7 +189,7 @@ struct FrameConstants
     float3 sky;
     uint bin_count;
     float3 ground;
-    uint submesh_stride; // entries of the selected buffer per agent
+    uint entry_stride; // entries of the selected buffer per agent
     float3 haze;
     float haze_per_metre;
     uint flags;

@@ -1,11 +1,10 @@
-// impostor: draws every quad of an impostor kind of every agent that shows it; a sub-draw per kind.
-// In: instance lists of the select stage (live_vertex_count is the fade's bits; without joints sample_entries.x is the pose).
+// impostor: draws every quad of an impostor kind of every agent that shows it; a sub-draw per kind. Twin: src/reference/impostor.rs
+// In: instance lists of the select stage; live_vertex_count is pose and fade.
 // Vertex numbers: 4 per quad.
 
 #include "impostor.hlsli"
 #include "color.hlsli"
 #include "instance.hlsli"
-#include "light.hlsli"
 
 [[vk::binding(5, 1)]] SamplerState atlas_sampler;
 [[vk::binding(9, 1)]] Texture2D<float4> color_texture; // sRGB-encoded colour, coverage
@@ -20,16 +19,14 @@ struct Interpolants
     float height : TEXCOORD1; // metres above the agent's ground
     nointerpolation float4 sun_mip : TEXCOORD2; // towards the sun in the picture's axes; mip
     nointerpolation float4 up_haze : TEXCOORD3; // world +Y in the picture's axes; haze's share
-    nointerpolation uint4 depth_fade_seed : TEXCOORD4; // floats: z and w of a step from the far to the near end of the depths, fade
+    nointerpolation uint4 depth_fade_seed : TEXCOORD4; // floats z and w of a step from the far to the near end of the depths; pose and fade; seed
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 {
     Instance instance = InstanceFrom(attributes);
     uint quad = vertex >> 2;
-    // Steady over frames, different for every agent and quad.
-    float random = float(Hash((instance.packed >> 6) ^ (quad * 0x9e3779b9u)) >> 8) * (1.0 / 16777216.0);
-    Placed placed = PlaceQuad(instance, quad, vertex & 3u, random);
+    Placed placed = PlaceQuad(instance, quad, vertex & 3u, QuadRandom(instance, quad));
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
@@ -56,10 +53,10 @@ float DitherThreshold(float2 pixel)
 float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
 {
     float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_depth.xy, i.sun_mip.w);
-    // A fade above 0 draws that share of the pixels, one below 0 the rest of its opposite.
-    float fade = asfloat(i.depth_fade_seed.z);
-    float threshold = DitherThreshold(i.position.xy);
-    bool shown = fade >= 0.0 ? threshold < fade : threshold >= -fade;
+    // A fade draws a share of the pixels, or all but that share.
+    uint bits = i.depth_fade_seed.z;
+    float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
+    bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
     if (color.a < 0.5 || !shown)
     {
         discard;

@@ -1,4 +1,4 @@
-// The vertex work of the impostor stage: which picture of a quad an instance shows, and where.
+// The vertex work of the impostor stage: which picture of a quad an instance shows, and where. Twin: src/reference/impostor.rs
 // Source: Izquierdo 2014, section 4.2; the quads' pictures and cells: bake/src/impostor.
 
 #include "gpu_types.hlsli"
@@ -9,6 +9,8 @@
 [[vk::binding(6, 1)]] Texture2D<float4> impostor_texture; // quads, views, tiles; 2 texels each
 [[vk::binding(7, 1)]] TextureCubeArray<float4> cells_texture; // three views; by view set
 [[vk::binding(8, 1)]] SamplerState nearest_sampler;
+
+#include "light.hlsli"
 
 // A picture of a quad in world space.
 struct Placed
@@ -63,6 +65,12 @@ uint ViewOf(float3 direction, float view_set, uint first_view, float random)
     return at < w.x || w.x + w.y + w.z <= 0.0 ? v.x : at < w.x + w.y ? v.y : v.z;
 }
 
+// Steady over frames, different for every agent and quad; in [0, 1).
+float QuadRandom(Instance instance, uint quad)
+{
+    return float(Hash((instance.packed >> 6) ^ (quad * 0x9e3779b9u)) >> 8) * (1.0 / 16777216.0);
+}
+
 // Places one corner (0 to 3: left bottom, right bottom, left top, right top) of one quad of an instance.
 Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
 {
@@ -86,7 +94,7 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     }
     else
     {
-        pose = instance.sample_entries.x;
+        pose = instance.live_vertex_count & IMPOSTOR_POSE_MASK;
     }
     float scale = sqrt(instance.heading_cos * instance.heading_cos + instance.heading_sin * instance.heading_sin);
 

@@ -26,6 +26,7 @@
 [[vk::binding(7, 0)]] RWStructuredBuffer<uint> tally;
 [[vk::binding(8, 0)]] RWStructuredBuffer<uint4> selected; // 1 is a Selected
 [[vk::binding(9, 0)]] RWStructuredBuffer<DrawCommand> draws;
+[[vk::binding(13, 0)]] RECORDS(uint4) ranges; // 2 are the MAX_RANGES RangeInfo of a character
 [[vk::binding(11, 0)]] RECORDS(uint4) chosen; // selected, in the scatter pass
 [[vk::binding(12, 0)]] RECORDS(uint) list_starts; // draws, in the scatter pass
 [[vk::binding(10, 0)]] RWStructuredBuffer<uint4> instances; // 4 are an Instance
@@ -75,9 +76,9 @@ ClipInfo LoadClip(uint index)
     clip.sphere_center = asfloat(a.xyz);
     clip.sphere_radius = asfloat(a.w);
     clip.box_center = asfloat(b.xyz);
-    clip.padding0 = b.w;
+    clip.first_pose = b.w;
     clip.box_half_extent = asfloat(c.xyz);
-    clip.padding1 = c.w;
+    clip.pose_count = c.w;
     clip.first_frame = d.x;
     clip.frame_count = d.y;
     clip.nearest_error = asfloat(d.z);
@@ -192,13 +193,48 @@ uint LevelAt(SubmeshInfo submesh, float lod_error)
     return submesh.first_level + (lod_error < 0.0 ? 0u : uint(step));
 }
 
+// What draws an agent at a projected size, in bind-space units per pixel: a representation, and for the first steps of its
+// range also the one before it. Bins; BIN_NONE is the mesh.
+struct Choice
+{
+    uint bin;
+    uint before; // the same where nothing fades
+    uint fade; // share of `bin`, 255ths
+};
+
+Choice ChooseRange(uint character, float units)
+{
+    uint4 r01 = ranges[2u * character];
+    uint4 r23 = ranges[2u * character + 1u];
+    float3 ends = asfloat(uint3(r01.x, r01.z, r23.x));
+    uint place = units < ends.x ? 0u : units < ends.y ? 1u : units < ends.z ? 2u : 3u;
+    Choice choice;
+    choice.bin = place == 0u ? r01.y : place == 1u ? r01.w : place == 2u ? r23.y : r23.w;
+    choice.before = place <= 1u ? r01.y : place == 2u ? r01.w : r23.y;
+    float start = place <= 1u ? ends.x : place == 2u ? ends.y : ends.z;
+    float fade = (units / start - 1.0) * (1.0 / FADE_SPAN);
+    bool fades = place > 0u && fade < 1.0;
+    choice.before = fades ? choice.before : choice.bin;
+    choice.fade = fades ? uint(fade * 254.0) + 1u : 255u;
+    return choice;
+}
+
+// The captured pose nearest to a phase.
+uint PoseAt(ClipInfo clip, float phase)
+{
+    uint pose = uint((phase - floor(phase)) * float(clip.pose_count) + 0.5);
+    return clip.first_pose + (pose < clip.pose_count ? pose : 0u);
+}
+
 // Threads: one per agent.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSCount(uint3 thread : SV_DispatchThreadID)
 {
     float4 planes[6] = frame.planes;
     float error_per_metre = frame.error_per_metre;
-    uint stride = frame.submesh_stride;
+    float pixel_angle = frame.pixel_angle;
+    bool still = (frame.flags & FLAG_STILL) != 0u;
+    uint stride = frame.entry_stride;
     bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
     bool inside = thread.x < frame.agent_count;
     uint index = min(thread.x, frame.agent_count - 1u);
@@ -214,6 +250,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         support[p] = Support(clip0, agent, planes[p]);
     }
     float distance = DistanceToSphere(clip0, agent);
+    uint pose = PoseAt(clip0, still ? 0.0 : agent.phase0);
     if (agent.blend > 0.0)
     {
         ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
@@ -223,35 +260,66 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
             support[p] = max(support[p], Support(clip1, agent, planes[p]));
         }
         distance = min(distance, DistanceToSphere(clip1, agent));
+        pose = agent.blend > 0.5 && !still ? PoseAt(clip1, agent.phase1) : pose;
     }
     bool visible = min(min(min(support[0], support[1]), min(support[2], support[3])), min(support[4], support[5])) >= 0.0;
     visible = visible && inside;
 
     float lod_error = full ? -1.0 : error_per_metre * distance / agent.scale;
     uint live_vertices = 0u;
-    uint submesh_count = inside ? character.submesh_count : 0u;
-    for (uint s = 0u; s < submesh_count; s++)
+    uint mesh = 0u;
+    if (inside)
     {
-        uint2 level = uint2(0u, BIN_NONE);
-        uint rank = 0u;
+        uint entry = index * stride;
+        uint end = entry + stride;
         if (visible)
         {
-            SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
-            level = levels[LevelAt(submesh, lod_error)];
-            if (level.y != BIN_NONE)
+            Choice choice = ChooseRange(agent.character, pixel_angle * distance / agent.scale);
+            mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
+            uint submesh_count = mesh * character.submesh_count;
+            for (uint s = 0u; s < submesh_count; s++)
             {
-                InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
-                live_vertices += level.x;
+                SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
+                uint2 level = levels[LevelAt(submesh, lod_error)];
+                if (level.y != BIN_NONE)
+                {
+                    uint rank;
+                    InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
+                    live_vertices += level.x;
+                    selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
+                    entry++;
+                }
+            }
+            if (choice.bin != BIN_NONE)
+            {
+                uint rank;
+                InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, rank);
+                selected[entry] = uint4(choice.bin, rank, pose | (choice.fade << IMPOSTOR_FADE_SHIFT), asuint(lod_error));
+                entry++;
+            }
+            // A mesh that fades out is drawn whole: what fades in covers it.
+            if (choice.before != BIN_NONE && choice.before != choice.bin)
+            {
+                uint rank;
+                InterlockedAdd(tally[TALLY_BINS + choice.before], 1u, rank);
+                uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | IMPOSTOR_FADES_OUT;
+                selected[entry] = uint4(choice.before, rank, pose | fade, asuint(lod_error));
+                entry++;
             }
         }
-        selected[index * stride + s] = uint4(level.y, rank, level.x, asuint(lod_error));
+        if (entry < end)
+        {
+            selected[entry] = BIN_NONE;
+        }
     }
 
     uint wave_visible = WaveActiveCountBits(visible);
     uint wave_live_vertices = WaveActiveSum(live_vertices);
+    uint wave_meshes = WaveActiveSum(mesh);
     if (WaveIsFirstLane() && wave_visible > 0u)
     {
         InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
+        InterlockedAdd(tally[TALLY_MESHES], wave_meshes);
         uint before;
         InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
         if (before + wave_live_vertices < before)
@@ -314,7 +382,7 @@ void CSScan(uint local : SV_GroupIndex)
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSScatter(uint3 thread : SV_DispatchThreadID)
 {
-    uint stride = frame.submesh_stride;
+    uint stride = frame.entry_stride;
     uint flags = frame.flags;
     uint index = thread.x;
     if (index >= frame.agent_count)
@@ -325,21 +393,23 @@ void CSScatter(uint3 thread : SV_DispatchThreadID)
     CharacterInfo character = LoadCharacter(agent.character);
     bool made = false;
     Instance instance;
-    for (uint s = 0u; s < character.submesh_count; s++)
+    // Entries end at the first that names no bin.
+    for (uint e = 0u; e < stride; e++)
     {
-        uint4 choice = chosen[index * stride + s];
-        if (choice.x != BIN_NONE)
+        uint4 choice = chosen[index * stride + e];
+        if (choice.x == BIN_NONE)
         {
-            if (!made)
-            {
-                instance = MakeInstance(index, agent, character, asfloat(choice.w), (flags & FLAG_STILL) != 0u);
-                made = true;
-            }
-            uint place = 4u * (list_starts[DRAW_COMMAND_WORDS * choice.x + DRAW_FIRST_INSTANCE_WORD] + choice.y);
-            instances[place] = uint4(asuint(instance.position), asuint(instance.heading_cos));
-            instances[place + 1u] = uint4(instance.tint_seed, choice.z, instance.packed, asuint(instance.heading_sin));
-            instances[place + 2u] = instance.sample_entries;
-            instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(s == 0u ? instance.shadow_radius : 0.0));
+            break;
         }
+        if (!made)
+        {
+            instance = MakeInstance(index, agent, character, asfloat(choice.w), (flags & FLAG_STILL) != 0u);
+            made = true;
+        }
+        uint place = 4u * (list_starts[DRAW_COMMAND_WORDS * choice.x + DRAW_FIRST_INSTANCE_WORD] + choice.y);
+        instances[place] = uint4(asuint(instance.position), asuint(instance.heading_cos));
+        instances[place + 1u] = uint4(instance.tint_seed, choice.z, instance.packed, asuint(instance.heading_sin));
+        instances[place + 2u] = instance.sample_entries;
+        instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(e == 0u ? instance.shadow_radius : 0.0));
     }
 }

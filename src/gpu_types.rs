@@ -12,6 +12,16 @@ pub const SCAN_GROUP_SIZE: u32 = 256;
 pub const PALETTE_ROW_ENTRIES: u32 = 1024;
 /// Vertices in a row of the vertex texture, 2 texels each, and of the collapse texture, 1 texel each.
 pub const VERTEX_ROW_VERTICES: u32 = 2048;
+/// Bits of an impostor's [`Instance::live_vertex_count`] that hold its pose.
+pub const IMPOSTOR_POSE_MASK: u32 = 0xf_ffff;
+/// First of its bits that hold its fade, in 255ths.
+pub const IMPOSTOR_FADE_SHIFT: u32 = 20;
+/// Its bit that says it fades out.
+pub const IMPOSTOR_FADES_OUT: u32 = 0x1000_0000;
+/// Ranges of projected size per character.
+pub const MAX_RANGES: u32 = 4;
+/// How much further than its end a range fades out.
+pub const FADE_SPAN: f32 = 0.12;
 /// Texels in a row of a character's impostor texture.
 pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
@@ -32,6 +42,8 @@ pub const TALLY_LIVE_VERTICES_HIGH: usize = 2;
 pub const DRAW_COMMAND_WORDS: u32 = 5;
 /// Which of its words is `first_instance`.
 pub const DRAW_FIRST_INSTANCE_WORD: u32 = 4;
+/// Place of the count of agents that their mesh draws.
+pub const TALLY_MESHES: usize = 3;
 /// Place of the first list's count.
 pub const TALLY_BINS: usize = 4;
 /// `CaptureInstance::group` of a picture of all surfaces.
@@ -119,9 +131,9 @@ shared_structs! {
         sphere_center: [f32; 3],
         sphere_radius: f32,
         box_center: [f32; 3],
-        padding0: u32,
+        first_pose: u32,
         box_half_extent: [f32; 3],
-        padding1: u32,
+        pose_count: u32,
         first_frame: u32,
         frame_count: u32,
         nearest_error: f32,
@@ -145,6 +157,11 @@ shared_structs! {
         index_count: u32,
         vertex_count: u32,
         padding: u32,
+    }
+    /// A range of projected sizes.
+    struct RangeInfo {
+        units_end: f32,
+        bin: u32,
     }
     /// What the count pass found for one submesh of one agent.
     struct Selected {
@@ -200,7 +217,7 @@ shared_structs! {
         sky: [f32; 3],
         bin_count: u32,
         ground: [f32; 3],
-        submesh_stride: u32,
+        entry_stride: u32,
         haze: [f32; 3],
         haze_per_metre: f32,
         flags: u32,

@@ -39,6 +39,7 @@ pub mod impostor;
 pub mod mesh;
 pub mod prepare;
 pub mod reference;
+pub mod representation;
 pub mod scene;
 pub mod select;
 pub mod shadow;

@@ -2,15 +2,18 @@
 
 use glam::{Affine3A, Vec3, Vec4};
 use throng_bake::baked::{Baked, BakedClip, Band, PaletteEntry, Vertex};
+use throng_bake::impostor::PoseRange;
 use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_position, decode_weights};
 
 use crate::error::RenderError;
+use crate::frame::FrameOptions;
 use crate::gpu_types::{
     BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
-    SubmeshInfo,
+    RangeInfo, SubmeshInfo,
 };
 use crate::impostor;
+use crate::representation::{CostModel, Representations};
 
 /// A contact shadow's radius as a share of the root of its character's box from above.
 const SHADOW_SHARE: f32 = 1.2;
@@ -30,17 +33,31 @@ pub struct Tables {
     pub bands: Vec<BandInfo>,
     /// Levels of detail of all submeshes.
     pub levels: Vec<LevelInfo>,
+    /// What draws each character.
+    pub representations: Vec<Representations>,
 }
 
 impl Tables {
-    /// Largest number of submeshes of a character, at least 1: entries of the selected buffer per agent.
-    pub fn submesh_stride(&self) -> u32 {
-        self.characters
-            .iter()
-            .map(|c| c.submesh_count)
-            .max()
-            .unwrap_or(1)
-            .max(1)
+    /// Entries of the selected buffer per agent: the most that one may need.
+    pub fn entry_stride(&self) -> u32 {
+        let entries = (0..self.characters.len()).map(|c| self.entries_of(c));
+        entries.max().unwrap_or(1)
+    }
+
+    /// The most list entries that an agent of a character may need: its submeshes, and with impostors one more that fades
+    /// in, or two that fade into each other.
+    pub fn entries_of(&self, character: usize) -> u32 {
+        let submeshes = self.characters[character].submesh_count;
+        match self.representations[character].kinds.len() {
+            0 => submeshes.max(1),
+            _ => submeshes.max(1) + 1,
+        }
+    }
+
+    /// The ranges of all characters for a frame, `[character_count][MAX_RANGES]`.
+    pub fn ranges(&self, options: &FrameOptions, costs: &CostModel) -> Vec<RangeInfo> {
+        let ranges = |r: &Representations| r.ranges(options.method, options.pixel_error, costs);
+        self.representations.iter().flat_map(ranges).collect()
     }
 
     /// Appends a validated character.
@@ -59,16 +76,21 @@ impl Tables {
             padding: 0,
         });
         self.clip_counts.push(baked.clips.len() as u32);
-        for (clip, &nearest_error) in baked.clips.iter().zip(&errors.nearest) {
+        for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {
+            let poses = baked.impostors.as_ref().and_then(|x| x.clip_poses.get(i));
+            let poses = poses.copied().unwrap_or(PoseRange {
+                first_pose: 0,
+                pose_count: 0,
+            });
             let center = (clip.box_min + clip.box_max) * 0.5;
             let half_extent = clip.box_max - center;
             self.clips.push(ClipInfo {
                 sphere_center: clip.sphere_center.into(),
                 sphere_radius: clip.sphere_radius,
                 box_center: center.into(),
-                padding0: 0,
+                first_pose: poses.first_pose,
                 box_half_extent: half_extent.into(),
-                padding1: 0,
+                pose_count: poses.pose_count,
                 first_frame: clip.first_frame,
                 frame_count: clip.frame_count,
                 nearest_error,
@@ -102,7 +124,10 @@ impl Tables {
             vertex_count: b.vertex_count,
             padding: 0,
         }));
+        let first_impostor_bin = self.bands.len() as u32;
         self.bands.extend(impostor::windows(baked));
+        self.representations
+            .push(Representations::new(baked, first_impostor_bin));
     }
 }
 

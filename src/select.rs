@@ -43,7 +43,7 @@ pub fn frame_constants(
         sky: light.sky.into(),
         bin_count: tables.bands.len() as u32,
         ground: light.ground.into(),
-        submesh_stride: tables.submesh_stride(),
+        entry_stride: tables.entry_stride(),
         haze: (light.sky * HAZE_OF_SKY).into(),
         haze_per_metre: HAZE_PER_METRE,
         flags,

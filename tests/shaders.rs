@@ -282,7 +282,7 @@ fn workgroups_have_the_sizes_that_the_host_divides_by() {
             .collect();
         match module.name {
             "select_scan" => assert_eq!(size, [gpu_types::SCAN_GROUP_SIZE, 1, 1]),
-            name if name.starts_with("select") || name == "mesh_probe" => {
+            name if name.starts_with("select") || name.ends_with("_probe") => {
                 assert_eq!(size, [gpu_types::SELECT_GROUP_SIZE, 1, 1])
             }
             _ => assert!(size.is_empty(), "{} is no compute shader", module.name),
@@ -315,6 +315,11 @@ fn shared_numbers_are_equal() {
         ("PALETTE_ROW_ENTRIES", t::PALETTE_ROW_ENTRIES as f64),
         ("VERTEX_ROW_VERTICES", t::VERTEX_ROW_VERTICES as f64),
         ("SKINNING_ERROR_SHARE", t::SKINNING_ERROR_SHARE as f64),
+        ("IMPOSTOR_POSE_MASK", t::IMPOSTOR_POSE_MASK as f64),
+        ("IMPOSTOR_FADE_SHIFT", t::IMPOSTOR_FADE_SHIFT as f64),
+        ("IMPOSTOR_FADES_OUT", t::IMPOSTOR_FADES_OUT as f64),
+        ("MAX_RANGES", t::MAX_RANGES as f64),
+        ("FADE_SPAN", t::FADE_SPAN as f64),
         ("IMPOSTOR_ROW_TEXELS", t::IMPOSTOR_ROW_TEXELS as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),
@@ -330,6 +335,7 @@ fn shared_numbers_are_equal() {
             "TALLY_LIVE_VERTICES_HIGH",
             t::TALLY_LIVE_VERTICES_HIGH as f64,
         ),
+        ("TALLY_MESHES", t::TALLY_MESHES as f64),
         ("TALLY_BINS", t::TALLY_BINS as f64),
         ("FLAG_FULL_DETAIL", t::FLAG_FULL_DETAIL as f64),
         ("FLAG_STILL", t::FLAG_STILL as f64),

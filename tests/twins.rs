@@ -2,11 +2,13 @@
 
 mod common;
 
-use common::{assert_silent, baked_mascot, crowd, headless, options, view};
+use common::{
+    assert_silent, baked_mascot, baked_mascot_with_impostors, crowd, headless, options, view,
+};
 use throng::bake::baked::Baked;
 use throng::gpu::Headless;
 use throng::gpu_types::{AgentState, Instance};
-use throng::prepare::Tables;
+use throng::reference::impostor::place_quad;
 use throng::reference::mesh::{Skinned, mesh};
 use throng::reference::select::{Selection, select};
 use throng::{Agent, FrameOptions, Method, View};
@@ -16,10 +18,16 @@ const SIZE: [u32; 2] = [256, 256];
 const POSITION_TOLERANCE: f32 = 1e-4;
 const NORMAL_TOLERANCE: f32 = 1e-3;
 
-fn twin(tables: &Tables, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
+fn twin(headless: &Headless, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
+    let tables = headless.tables();
     let states: Vec<AgentState> = agents.iter().map(AgentState::from).collect();
     let frame = throng::select::frame_constants(view, options, agents.len() as u32, tables);
-    select(tables, &states, &frame)
+    select(
+        tables,
+        &tables.ranges(options, &headless.costs()),
+        &states,
+        &frame,
+    )
 }
 
 /// How two selections differ. Integers are equal, but for live vertices, bands and pose choices of agents whose error is
@@ -100,7 +108,7 @@ fn select_writes_what_its_twin_writes() {
                 ..options(Method::Lod)
             };
             let gpu = render(&mut headless, &agents, &options);
-            let cpu = twin(headless.tables(), &agents, &view(SIZE), &options);
+            let cpu = twin(&headless, &agents, &view(SIZE), &options);
             assert_eq!(
                 difference(&gpu, &cpu, count / 200),
                 None,
@@ -117,8 +125,56 @@ fn select_writes_what_its_twin_writes() {
     ] {
         let agents = crowd(500, &[a, b]);
         let gpu = render(&mut headless, &agents, &options);
-        let cpu = twin(headless.tables(), &agents, &view(SIZE), &options);
+        let cpu = twin(&headless, &agents, &view(SIZE), &options);
         assert_eq!(difference(&gpu, &cpu, 2), None, "{options:?}");
+    }
+    assert_silent(&headless);
+}
+
+#[test]
+fn representations_are_chosen_as_their_twin_chooses() {
+    let mut headless = headless(SIZE);
+    let a = headless
+        .add_character(&baked_mascot_with_impostors())
+        .expect("it uploads");
+    let b = headless.add_character(&baked_mascot()).expect("twice");
+    let agents = crowd(1500, &[a, b]);
+    for method in [Method::Flat, Method::Quad, Method::Hybrid] {
+        for pixel_error in [0.3, 0.6, 1.0, 3.0] {
+            let options = FrameOptions {
+                pixel_error,
+                ..options(method)
+            };
+            let gpu = render(&mut headless, &agents, &options);
+            let cpu = twin(&headless, &agents, &view(SIZE), &options);
+            assert_eq!(
+                difference(&gpu, &cpu, 8),
+                None,
+                "{method:?}, {pixel_error} px"
+            );
+            assert!(gpu.meshes.abs_diff(cpu.meshes) <= 8);
+            // Whoever has no impostors keeps the mesh, and nobody is lost or doubled: a fade has a share in each of two.
+            let report = headless
+                .render(&agents, &view(SIZE), &options)
+                .expect("a frame");
+            let drawn: u64 = report.representations.iter().map(|r| r.agents).sum();
+            assert!(drawn >= report.visible, "{:?}", report.representations);
+            let fades = gpu.instances.iter().filter(|i| {
+                let bits = i.live_vertex_count;
+                bits & throng::gpu_types::IMPOSTOR_FADES_OUT != 0
+                    || (1..255).contains(&((bits >> throng::gpu_types::IMPOSTOR_FADE_SHIFT) & 0xff))
+            });
+            assert!(drawn <= report.visible + fades.count() as u64);
+            if method != Method::Hybrid {
+                assert_eq!(drawn, report.visible, "{:?}", report.representations);
+            } else if pixel_error == 0.6 {
+                assert!(
+                    report.representations.iter().all(|r| r.agents > 0),
+                    "all kinds are chosen somewhere: {:?}",
+                    report.representations
+                );
+            }
+        }
     }
     assert_silent(&headless);
 }
@@ -265,4 +321,64 @@ fn with_bands_a_vertex_shader_run_follows_few_parents() {
         "the paper's single window follows {single}"
     );
     println!("parents at the worst level: {banded:.2} with bands, {single:.2} in one window");
+}
+
+#[test]
+fn impostors_stand_where_their_twin_puts_them() {
+    let baked = baked_mascot_with_impostors();
+    let impostors = baked.impostors.as_ref().expect("the fixture has them");
+    let mut headless = headless(SIZE);
+    let id = headless.add_character(&baked).expect("it uploads");
+    let agents = crowd(300, &[id]);
+    let (mut compared, mut moved) = (0, 0);
+    for (kind, method) in [Method::Flat, Method::Quad].into_iter().enumerate() {
+        let options = options(method);
+        let lists = render(&mut headless, &agents, &options);
+        let frame = throng::select::frame_constants(
+            &view(SIZE),
+            &options,
+            agents.len() as u32,
+            headless.tables(),
+        );
+        let draw = lists.draws[baked.bands.len() + kind];
+        assert!(draw.instance_count > 50, "{draw:?}");
+        for i in (0..draw.instance_count).step_by(7) {
+            let gpu = headless
+                .probe_impostor(id, kind, draw.first_instance + i)
+                .expect("a probe");
+            let info = &impostors.kinds[kind];
+            assert_eq!(gpu.len(), 4 * info.quad_count as usize);
+            // The probe reads the lists in the GPU's order: the twin's entry is whichever agent that is.
+            let list =
+                &lists.instances[draw.first_instance as usize..][..draw.instance_count as usize];
+            let worst = |instance: &Instance| {
+                (0..info.quad_count as usize)
+                    .flat_map(|q| {
+                        let quad = info.first_quad as usize + q;
+                        let cpu = place_quad(&baked, impostors, &frame, instance, quad);
+                        let gpu = &gpu[4 * q..][..4];
+                        cpu.into_iter()
+                            .zip(gpu)
+                            .map(|(c, g)| {
+                                distance(c.corner, g.corner)
+                                    .max(distance(c.towards, g.towards))
+                                    .max((c.uv - g.uv).length())
+                                    .max((c.depth_extent - g.depth_extent).abs())
+                                    .max((c.mip - g.mip).abs() * 0.1)
+                            })
+                            .collect::<Vec<_>>()
+                    })
+                    .fold(0.0, f32::max)
+            };
+            let best = list.iter().map(worst).fold(f32::INFINITY, f32::min);
+            compared += 1;
+            // A direction on the border of two cells may fall to either.
+            moved += (best > 2e-3) as u32;
+        }
+    }
+    assert!(
+        compared > 30 && moved * 20 <= compared,
+        "{moved} of {compared} differ"
+    );
+    assert_silent(&headless);
 }

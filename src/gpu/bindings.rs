@@ -32,15 +32,15 @@ impl Kind {
 use Kind::{Image, Sampler, Storage, Texels, Uniform};
 
 /// Frame constants, agents, characters, clips, submeshes, bands, levels, tally, selected, draws, instances; selected and
-/// draws as the scatter pass reads them.
+/// draws as the scatter pass reads them; ranges.
 pub const SELECT: &[Kind] = &[
     Uniform, Texels, Texels, Texels, Texels, Storage, Texels, Storage, Storage, Storage, Storage,
-    Texels, Texels,
+    Texels, Texels, Texels,
 ];
 /// The same for devices whose texel buffers are small.
 pub const SELECT_STORAGE: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage, Storage, Storage,
+    Storage, Storage, Storage, Storage,
 ];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
@@ -49,7 +49,7 @@ pub const DRAW: &[Kind] = &[Uniform, Storage];
 pub const CHARACTER: &[Kind] = &[
     Uniform, Image, Image, Image, Image, Sampler, Image, Image, Sampler, Image, Image,
 ];
-/// The probe's output.
+/// A probe's output.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.
 pub const CAPTURE: &[Kind] = &[Storage, Storage];
@@ -59,7 +59,7 @@ pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
     match module {
         "select_count" | "select_scan" | "select_scatter" => &[SELECT],
         "select_count_storage" | "select_scatter_storage" => &[SELECT_STORAGE],
-        "mesh_probe" => &[DRAW, CHARACTER, PROBE],
+        "mesh_probe" | "impostor_probe" => &[DRAW, CHARACTER, PROBE],
         "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
         _ => &[DRAW, CHARACTER],
     }

@@ -8,6 +8,7 @@ use gpu_allocator::MemoryLocation;
 use super::commands::{Access, Commands};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::own_device::{OwnDevice, tune_allocator_for_cpu};
+use super::probe::{Probe, Probed};
 use super::renderer::{DeviceHandles, Renderer, RendererDesc};
 use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId, FrameOptions, FrameReport, View};
@@ -89,6 +90,7 @@ impl Headless {
             depth_format: DEPTH,
             reversed_depth: true,
             keep_lists: desc.keep_lists,
+            costs: None,
         };
         // SAFETY: the handles were made above with the required features and are destroyed after the renderer (`Drop`).
         let renderer = unsafe { Renderer::new(&handles, &renderer_desc) }?;
@@ -114,6 +116,11 @@ impl Headless {
     /// The device is a CPU driver.
     pub fn is_software(&self) -> bool {
         self.core.software
+    }
+
+    /// As [`Renderer::costs`].
+    pub fn costs(&self) -> crate::representation::CostModel {
+        self.renderer().costs()
     }
 
     /// The characters' tables, for the CPU twins.
@@ -232,19 +239,58 @@ impl Headless {
         submesh: usize,
         instance: u32,
     ) -> Result<Vec<crate::reference::mesh::Skinned>, RenderError> {
+        let rows = self.probe(character, Probed::Mesh(submesh), instance)?;
+        let vertices = rows
+            .chunks_exact(2)
+            .map(|r| crate::reference::mesh::Skinned {
+                position: r[0].truncate(),
+                normal: r[1].truncate(),
+            });
+        Ok(vertices.collect())
+    }
+
+    /// Runs the impostor stage's vertex work for entry `instance` of the last frame's instance lists and returns the four
+    /// corners of every quad of the character's impostor kind `kind` (its place among those it has).
+    ///
+    /// Errors: [`RenderError::BadOption`] where there is no such kind, and those of making a buffer.
+    pub fn probe_impostor(
+        &mut self,
+        character: CharacterId,
+        kind: usize,
+        instance: u32,
+    ) -> Result<Vec<crate::reference::impostor::Placed>, RenderError> {
+        let rows = self.probe(character, Probed::Impostor(kind), instance)?;
+        let corners = rows
+            .chunks_exact(3)
+            .map(|r| crate::reference::impostor::Placed {
+                corner: r[0].truncate(),
+                mip: r[0].w,
+                towards: r[1].truncate(),
+                depth_extent: r[1].w,
+                uv: r[2].truncate().truncate(),
+            });
+        Ok(corners.collect())
+    }
+
+    fn probe(
+        &mut self,
+        character: CharacterId,
+        probed: Probed,
+        instance: u32,
+    ) -> Result<Vec<glam::Vec4>, RenderError> {
         let Some(renderer) = &self.renderer else {
             return Err(dropped());
         };
-        let probe = super::probe::Probe::new(renderer, character, submesh)?;
+        let probe = Probe::new(renderer, character, probed)?;
         let result = self.core.begin().and_then(|()| {
             // SAFETY: the command buffer is recording and outside rendering.
             let mut c = unsafe { Commands::new(&renderer.cx, self.core.cmd) };
             probe.record(&mut c, renderer, instance);
             self.core.submit_and_wait(Ok(()))
         });
-        let vertices = result.map(|()| probe.read());
+        let rows = result.map(|()| probe.read());
         probe.destroy(renderer);
-        vertices
+        rows
     }
 
     /// Uploads a character whose pictures the capture stage takes.

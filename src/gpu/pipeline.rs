@@ -49,7 +49,8 @@ pub(crate) struct Pipelines {
     pub count: vk::Pipeline,
     pub scan: vk::Pipeline,
     pub scatter: vk::Pipeline,
-    pub probe: vk::Pipeline,
+    pub mesh_probe: vk::Pipeline,
+    pub impostor_probe: vk::Pipeline,
     pub impostor: vk::Pipeline,
     pub ground: vk::Pipeline,
     pub shadow: vk::Pipeline,
@@ -132,14 +133,15 @@ impl Pipelines {
         )?;
         self.probe_layout = pipeline_layout(
             cx,
-            "mesh_probe",
+            "probe",
             &[self.draw_set, self.character_set, self.probe_set],
             Some((S::COMPUTE, constants)),
         )?;
         self.count = compute(cx, count, self.select_layout)?;
         self.scan = compute(cx, "select_scan", self.select_layout)?;
         self.scatter = compute(cx, scatter, self.select_layout)?;
-        self.probe = compute(cx, "mesh_probe", self.probe_layout)?;
+        self.mesh_probe = compute(cx, "mesh_probe", self.probe_layout)?;
+        self.impostor_probe = compute(cx, "impostor_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
         self.impostor = self.graphics(
             cx,
@@ -373,7 +375,8 @@ impl Pipelines {
                 self.count,
                 self.scan,
                 self.scatter,
-                self.probe,
+                self.mesh_probe,
+                self.impostor_probe,
                 self.impostor,
                 self.ground,
                 self.shadow,

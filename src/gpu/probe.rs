@@ -1,4 +1,4 @@
-//! Runs the mesh stage's vertex work in compute and reads it back, for the comparison with its twin.
+//! Runs the vertex work of the mesh and impostor stages in compute and reads it back, for the comparison with their twins.
 
 use ash::vk;
 use glam::Vec4;
@@ -12,40 +12,70 @@ use super::renderer::Renderer;
 use crate::error::RenderError;
 use crate::frame::CharacterId;
 use crate::gpu_types::{DrawConstants, SELECT_GROUP_SIZE};
-use crate::reference::mesh::Skinned;
 
-/// One submesh's output.
+/// Whose vertices a probe looks at.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Probed {
+    /// A submesh; position and normal of every vertex.
+    Mesh(usize),
+    /// An impostor kind; corner and mip, direction and depth extent, place in the atlas.
+    Impostor(usize),
+}
+
+/// What is probed, and its output.
 pub(super) struct Probe {
     output: Buffer,
     pool: vk::DescriptorPool,
     set: vk::DescriptorSet,
     character: usize,
+    probed: Probed,
     first_vertex: u32,
     vertex_count: u32,
+}
+
+impl Probed {
+    fn rows(self) -> usize {
+        match self {
+            Self::Mesh(_) => 2,
+            Self::Impostor(_) => 3,
+        }
+    }
 }
 
 impl Probe {
     pub fn new(
         renderer: &Renderer,
         character: CharacterId,
-        submesh: usize,
+        probed: Probed,
     ) -> Result<Self, RenderError> {
         let cx = &renderer.cx;
         let found = renderer
             .residents
             .get(character.0 as usize)
-            .and_then(|r| Some((r, r.draws.get(submesh)?)));
-        let Some((resident, draw)) = found else {
+            .and_then(|r| match probed {
+                Probed::Mesh(submesh) => {
+                    let first = r.draws.get(submesh)?.first_vertex;
+                    let info = &renderer.tables.submeshes[r.first_submesh as usize + submesh];
+                    Some((first, info.vertex_count))
+                }
+                Probed::Impostor(kind) if kind < r.impostor_bin_count as usize => {
+                    let window =
+                        &renderer.tables.bands[(r.first_bin + r.band_count) as usize + kind];
+                    let first = &renderer.tables.bands[(r.first_bin + r.band_count) as usize];
+                    let first_quad = (window.first_index - first.first_index) / 6;
+                    Some((4 * first_quad, window.vertex_count))
+                }
+                Probed::Impostor(_) => None,
+            });
+        let Some((first_vertex, vertex_count)) = found else {
             return Err(RenderError::BadOption {
-                option: "submesh",
-                reason: format!("there is no submesh {submesh} of character {}", character.0),
+                option: "probe",
+                reason: format!("character {} has no {probed:?}", character.0),
             });
         };
-        let vertex_count =
-            renderer.tables.submeshes[resident.first_submesh as usize + submesh].vertex_count;
         let output = cx.create_buffer(
             "probed vertices",
-            vertex_count as u64 * 32,
+            vertex_count as u64 * probed.rows() as u64 * 16,
             vk::BufferUsageFlags::STORAGE_BUFFER,
             MemoryLocation::GpuToCpu,
         )?;
@@ -70,7 +100,8 @@ impl Probe {
             pool,
             set,
             character: character.0 as usize,
-            first_vertex: draw.first_vertex,
+            probed,
+            first_vertex,
             vertex_count,
         })
     }
@@ -85,7 +116,11 @@ impl Probe {
         } else {
             slot.draw_set
         };
-        c.bind_pipeline(COMPUTE, p.probe);
+        let pipeline = match self.probed {
+            Probed::Mesh(_) => p.mesh_probe,
+            Probed::Impostor(_) => p.impostor_probe,
+        };
+        c.bind_pipeline(COMPUTE, pipeline);
         c.bind_set(COMPUTE, p.probe_layout, 0, draw_set);
         c.bind_set(
             COMPUTE,
@@ -108,14 +143,10 @@ impl Probe {
         c.barrier(Access::ComputeReadWrite, &[Access::HostRead]);
     }
 
-    pub fn read(&self) -> Vec<Skinned> {
-        let rows: Vec<Vec4> = self.output.read(2 * self.vertex_count as usize);
-        rows.chunks_exact(2)
-            .map(|r| Skinned {
-                position: r[0].truncate(),
-                normal: r[1].truncate(),
-            })
-            .collect()
+    /// `rows` vectors per vertex.
+    pub fn read(&self) -> Vec<Vec4> {
+        self.output
+            .read(self.probed.rows() * self.vertex_count as usize)
     }
 
     pub fn destroy(self, renderer: &Renderer) {

@@ -14,6 +14,7 @@ use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId, FrameOptions, Method, View};
 use crate::gpu_types::{AgentState, SELECT_GROUP_SIZE};
 use crate::prepare::{self, Tables};
+use crate::representation::CostModel;
 
 /// The host's objects. The library only borrows them; they outlive the renderer.
 #[derive(Clone, Copy)]
@@ -49,6 +50,8 @@ pub struct RendererDesc<'a> {
     pub reversed_depth: bool,
     /// Copies the instance lists back for `selection`: for tests.
     pub keep_lists: bool,
+    /// What drawing costs on the device, for [`Method::Hybrid`]; `None` takes measured values for its kind.
+    pub costs: Option<CostModel>,
 }
 
 impl Default for RendererDesc<'_> {
@@ -61,6 +64,7 @@ impl Default for RendererDesc<'_> {
             depth_format: vk::Format::D32_SFLOAT,
             reversed_depth: true,
             keep_lists: false,
+            costs: None,
         }
     }
 }
@@ -82,6 +86,7 @@ pub struct Renderer {
     garbage: Vec<Garbage>,
     agent_capacity: u32,
     pub(super) keep_lists: bool,
+    costs: CostModel,
 }
 
 /// A buffer that commands of some slots may still use.
@@ -115,6 +120,10 @@ impl Renderer {
         }
         let cx = Context::new(handles, desc)?;
         let pipelines = Pipelines::new(&cx, desc)?;
+        let costs = desc.costs.unwrap_or(match cx.capabilities.software {
+            true => CostModel::CPU,
+            false => CostModel::GPU,
+        });
         let mut renderer = Self {
             cx,
             pipelines,
@@ -128,6 +137,7 @@ impl Renderer {
             garbage: Vec::new(),
             agent_capacity: desc.agent_capacity,
             keep_lists: desc.keep_lists,
+            costs,
         };
         for index in 0..desc.frames_in_flight as usize {
             match Slot::new(&renderer.cx, &renderer.pipelines, index) {
@@ -150,6 +160,11 @@ impl Renderer {
     /// Name and version of the driver.
     pub fn driver(&self) -> &str {
         &self.cx.capabilities.driver
+    }
+
+    /// What drawing is taken to cost, for [`Method::Hybrid`].
+    pub fn costs(&self) -> CostModel {
+        self.costs
     }
 
     /// The characters' tables, for the CPU twins.
@@ -285,14 +300,15 @@ impl Renderer {
         let entries: u64 = slot
             .agent_counts
             .iter()
-            .zip(&self.tables.characters)
-            .map(|(&count, c)| count as u64 * c.submesh_count as u64)
+            .zip(0..)
+            .map(|(&count, c)| count as u64 * self.tables.entries_of(c) as u64)
             .sum();
         let shape = Shape {
             agents: agents.len().max(1) as u32,
             entries: entries.clamp(1, u32::MAX as u64) as u32,
-            submesh_stride: self.tables.submesh_stride(),
+            entry_stride: self.tables.entry_stride(),
             bins: self.tables.bands.len().max(1) as u32,
+            characters: self.tables.characters.len().max(1) as u32,
         };
         slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;
         if let Some(buffers) = &mut slot.buffers {
@@ -328,9 +344,14 @@ impl Renderer {
         let constants =
             crate::select::frame_constants(view, options, slot.agents.len() as u32, tables);
         slot.constants.write(0, &[constants]);
+        let ranges = tables.ranges(options, &self.costs);
+        if let Some(buffers) = &mut slot.buffers {
+            buffers.ranges.write(0, &ranges);
+        }
         let mut cpu = None;
         if options.method == Method::Uninstanced {
-            let selection = crate::reference::select::select(tables, &slot.agents, &constants);
+            let selection =
+                crate::reference::select::select(tables, &ranges, &slot.agents, &constants);
             slot.write_cpu_lists(&self.cx, frame, &selection)?;
             cpu = Some(selection);
         }

@@ -2,13 +2,15 @@
 
 use ash::vk;
 
+use throng_bake::impostor::Kind;
+
 use super::renderer::{Renderer, no_slot};
 use super::slot::{Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
     DrawCommand, Instance, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
-    TALLY_VISIBLE,
+    TALLY_MESHES, TALLY_VISIBLE,
 };
 use crate::reference::select::Selection;
 
@@ -29,9 +31,10 @@ impl Renderer {
                 call: "report",
                 reason: "record_select and record_draw come first",
             })?;
-        let (visible, live_vertices, counts) = match (&recorded.cpu, &slot.buffers) {
+        let (visible, meshes, live_vertices, counts) = match (&recorded.cpu, &slot.buffers) {
             (Some(selection), _) => (
                 selection.visible,
+                selection.meshes,
                 selection.live_vertices,
                 selection.draws.iter().map(|d| d.instance_count).collect(),
             ),
@@ -40,12 +43,13 @@ impl Renderer {
                 let counts = tally.split_off(TALLY_BINS);
                 (
                     tally[TALLY_VISIBLE] as u64,
+                    tally[TALLY_MESHES] as u64,
                     tally[TALLY_LIVE_VERTICES_LOW] as u64
                         + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
                     counts,
                 )
             }
-            (None, None) => (0, 0, Vec::new()),
+            (None, None) => (0, 0, 0, Vec::new()),
         };
         let triangles = counts
             .iter()
@@ -66,10 +70,7 @@ impl Renderer {
             vertex_invocations: self.vertex_invocations(slot),
             frame_ms: None,
             stage_ms: self.stage_times(slot, recorded.upload_ms),
-            representations: vec![Representation {
-                kind: "mesh",
-                agents: visible,
-            }],
+            representations: self.representations(meshes, &counts),
         })
     }
 
@@ -108,9 +109,23 @@ impl Renderer {
             instances,
             draws,
             visible: tally[TALLY_VISIBLE] as u64,
+            meshes: tally[TALLY_MESHES] as u64,
             live_vertices: tally[TALLY_LIVE_VERTICES_LOW] as u64
                 + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
         })
+    }
+
+    /// Agents by representation, from the lengths of the lists; one that fades counts for both.
+    fn representations(&self, meshes: u64, counts: &[u32]) -> Vec<Representation> {
+        let mut agents = [0; 2];
+        for kind in self.tables.representations.iter().flat_map(|r| &r.kinds) {
+            let place = (kind.kind == Kind::Quad) as usize;
+            agents[place] += counts.get(kind.bin as usize).map_or(0, |&c| c as u64);
+        }
+        let [flat, quad] = agents;
+        [("mesh", meshes), ("flat", flat), ("quad", quad)]
+            .map(|(kind, agents)| Representation { kind, agents })
+            .to_vec()
     }
 
     fn vertex_invocations(&self, slot: &Slot) -> Option<u64> {

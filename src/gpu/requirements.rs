@@ -46,6 +46,8 @@ pub(crate) struct Capabilities {
     pub draw_indirect_count: u32,
     pub workgroups: u32,
     pub timestamp_ns: Option<f64>,
+    /// A CPU driver.
+    pub software: bool,
 }
 
 impl Capabilities {
@@ -229,6 +231,7 @@ pub(crate) fn check(
         workgroups: l.max_compute_work_group_count[0],
         timestamp_ns: (family.timestamp_valid_bits > 0 && l.timestamp_period > 0.0)
             .then_some(l.timestamp_period as f64),
+        software: p.device_type == vk::PhysicalDeviceType::CPU,
     })
 }
 

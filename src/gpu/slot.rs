@@ -9,7 +9,9 @@ use super::memory::Buffer;
 use super::pipeline::{Pipelines, allocate_set, descriptor_pool, write_buffers};
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, View};
-use crate::gpu_types::{AgentState, DrawCommand, FrameConstants, Instance, Selected, TALLY_BINS};
+use crate::gpu_types::{
+    AgentState, DrawCommand, FrameConstants, Instance, MAX_RANGES, RangeInfo, Selected, TALLY_BINS,
+};
 use crate::prepare::Tables;
 use crate::reference::select::Selection;
 
@@ -31,10 +33,11 @@ pub(crate) enum Stamp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Shape {
     pub agents: u32,
-    /// Submeshes of all agents: the most entries that the lists can have.
+    /// The most entries that the lists can have.
     pub entries: u32,
-    pub submesh_stride: u32,
+    pub entry_stride: u32,
     pub bins: u32,
+    pub characters: u32,
 }
 
 impl Shape {
@@ -43,13 +46,15 @@ impl Shape {
         self.agents >= other.agents
             && self.entries >= other.entries
             && self.bins >= other.bins
-            && self.submesh_stride == other.submesh_stride
+            && self.characters >= other.characters
+            && self.entry_stride == other.entry_stride
     }
 }
 
 /// Buffers whose sizes go by the crowd.
 pub(crate) struct SlotBuffers {
     pub agents: Buffer,
+    pub ranges: Buffer,
     pub tally: Buffer,
     pub selected: Buffer,
     pub draws: Buffer,
@@ -292,6 +297,7 @@ impl Slot {
                 agents: grown(shape.agents, self.shape.agents),
                 entries: grown(shape.entries, self.shape.entries),
                 bins: shape.bins.max(self.shape.bins),
+                characters: shape.characters.max(self.shape.characters),
                 ..shape
             };
             let buffers = SlotBuffers::new(cx, index, shape, keep_lists)?;
@@ -318,6 +324,7 @@ impl Slot {
                 &b.instances,
                 &b.selected,
                 &b.draws,
+                &b.ranges,
             ];
             let kinds = match cx.capabilities.reads_texels() {
                 true => bindings::SELECT,
@@ -407,10 +414,12 @@ impl SlotBuffers {
         let storage = U::STORAGE_BUFFER;
         let source = storage | U::TRANSFER_SRC;
         let agents = shape.agents as u64 * size_of::<AgentState>() as u64;
+        let ranges = (shape.characters * MAX_RANGES) as u64 * size_of::<RangeInfo>() as u64;
         let selected =
-            shape.agents as u64 * shape.submesh_stride as u64 * size_of::<Selected>() as u64;
+            shape.agents as u64 * shape.entry_stride as u64 * size_of::<Selected>() as u64;
         let wanted = [
             ("agents", agents, storage, CpuToGpu, Some(UINT4)),
+            ("ranges", ranges, storage, CpuToGpu, Some(UINT4)),
             ("tally", tally, source | U::TRANSFER_DST, GpuOnly, None),
             ("selected", selected, storage, GpuOnly, Some(UINT4)),
             (
@@ -446,13 +455,14 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok([agents, tally, selected, draws, instances, readback]) =
-            <[Buffer; 6]>::try_from(made)
+        let Ok([agents, ranges, tally, selected, draws, instances, readback]) =
+            <[Buffer; 7]>::try_from(made)
         else {
-            unreachable!("six buffers were made above");
+            unreachable!("seven buffers were made above");
         };
         Ok(Self {
             agents,
+            ranges,
             tally,
             selected,
             draws,
@@ -464,6 +474,7 @@ impl SlotBuffers {
     fn destroy(self, cx: &Context) {
         for buffer in [
             self.agents,
+            self.ranges,
             self.tally,
             self.selected,
             self.draws,

@@ -3,8 +3,9 @@
 use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
-    AgentState, BIN_NONE, ClipInfo, DrawCommand, FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants,
-    Instance, SKINNING_ERROR_SHARE, SubmeshInfo,
+    AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
+    FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES, RangeInfo,
+    SKINNING_ERROR_SHARE, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 
@@ -17,34 +18,64 @@ pub struct Selection {
     pub draws: Vec<DrawCommand>,
     /// Agents whose bounds touch the frustum.
     pub visible: u64,
+    /// Agents that their mesh draws.
+    pub meshes: u64,
     /// Sum over all instances of their live vertices.
     pub live_vertices: u64,
 }
 
-/// The whole stage for `agents`, which name only characters and clips of `tables`.
-pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) -> Selection {
+/// The whole stage for `agents`, which name only characters and clips of `tables`; `ranges` are [`Tables::ranges`].
+pub fn select(
+    tables: &Tables,
+    ranges: &[RangeInfo],
+    agents: &[AgentState],
+    frame: &FrameConstants,
+) -> Selection {
     let mut lists: Vec<Vec<Instance>> = vec![Vec::new(); tables.bands.len()];
     let mut selection = Selection::default();
     for (index, agent) in agents.iter().enumerate() {
-        let Some(lod_error) = view_agent(tables, agent, frame) else {
+        let Some(distance) = view_agent(tables, agent, frame) else {
             continue;
         };
         selection.visible += 1;
         let character = &tables.characters[agent.character as usize];
         let still = frame.flags & FLAG_STILL != 0;
+        let lod_error = if frame.flags & FLAG_FULL_DETAIL != 0 {
+            -1.0
+        } else {
+            frame.error_per_metre * distance / agent.scale
+        };
         let instance = make_instance(tables, index as u32, agent, lod_error, still);
         let submeshes = &tables.submeshes[character.first_submesh as usize..]
             [..character.submesh_count as usize];
-        for (s, submesh) in submeshes.iter().enumerate() {
-            let (bin, live_vertex_count) = choose_band(tables, submesh, lod_error);
-            if bin != BIN_NONE {
-                selection.live_vertices += live_vertex_count as u64;
-                lists[bin as usize].push(Instance {
-                    live_vertex_count,
-                    shadow_radius: if s == 0 { instance.shadow_radius } else { 0.0 },
-                    ..instance
-                });
+        let mut entries = Vec::new();
+        let choice = choose_range(
+            &ranges[(agent.character * MAX_RANGES) as usize..][..MAX_RANGES as usize],
+            frame.pixel_angle * distance / agent.scale,
+        );
+        if choice.bin == BIN_NONE || choice.before == BIN_NONE {
+            selection.meshes += 1;
+            for submesh in submeshes {
+                let (bin, live_vertex_count) = choose_band(tables, submesh, lod_error);
+                if bin != BIN_NONE {
+                    selection.live_vertices += live_vertex_count as u64;
+                    entries.push((bin, live_vertex_count));
+                }
             }
+        }
+        let pose = pose_of(tables, agent, still) | (choice.fade << IMPOSTOR_FADE_SHIFT);
+        if choice.bin != BIN_NONE {
+            entries.push((choice.bin, pose));
+        }
+        if choice.before != BIN_NONE && choice.before != choice.bin {
+            entries.push((choice.before, pose | IMPOSTOR_FADES_OUT));
+        }
+        for (e, (bin, live_vertex_count)) in entries.into_iter().enumerate() {
+            lists[bin as usize].push(Instance {
+                live_vertex_count,
+                shadow_radius: if e == 0 { instance.shadow_radius } else { 0.0 },
+                ..instance
+            });
         }
     }
     for (list, band) in lists.iter().zip(&tables.bands) {
@@ -60,7 +91,7 @@ pub fn select(tables: &Tables, agents: &[AgentState], frame: &FrameConstants) ->
     selection
 }
 
-/// A visible agent's LOD error (negative: full detail), or `None` where it is culled.
+/// A visible agent's distance, or `None` where it is culled.
 fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Option<f32> {
     let [clip0, clip1] = clips_of(tables, agent);
     let blended = agent.blend > 0.0;
@@ -77,11 +108,54 @@ fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Op
     if blended {
         distance = distance.min(distance_to_sphere(clip1, agent, frame));
     }
-    Some(if frame.flags & FLAG_FULL_DETAIL != 0 {
-        -1.0
+    Some(distance)
+}
+
+/// What draws an agent at a projected size: bins, [`BIN_NONE`] being the mesh.
+struct Choice {
+    bin: u32,
+    /// The representation of the range before; the same where nothing fades.
+    before: u32,
+    /// Share of `bin`, 255ths.
+    fade: u32,
+}
+
+fn choose_range(ranges: &[RangeInfo], units: f32) -> Choice {
+    let last = ranges.len() - 1;
+    let ends = &ranges[..last];
+    let place = ends
+        .iter()
+        .position(|r| units < r.units_end)
+        .unwrap_or(last);
+    let bin = ranges[place].bin;
+    let before = &ranges[place.saturating_sub(1)];
+    let fade = (units / before.units_end - 1.0) / FADE_SPAN;
+    if place > 0 && fade < 1.0 {
+        Choice {
+            bin,
+            before: before.bin,
+            fade: (fade * 254.0) as u32 + 1,
+        }
     } else {
-        frame.error_per_metre * distance / agent.scale
-    })
+        Choice {
+            bin,
+            before: bin,
+            fade: 255,
+        }
+    }
+}
+
+/// The captured pose nearest to an agent's phase in the clip that it mostly plays.
+fn pose_of(tables: &Tables, agent: &AgentState, still: bool) -> u32 {
+    let second = agent.blend > 0.5 && !still;
+    let clip = clips_of(tables, agent)[second as usize];
+    let phase = match (still, second) {
+        (true, _) => 0.0,
+        (_, false) => agent.phase0,
+        (_, true) => agent.phase1,
+    };
+    let pose = ((phase - phase.floor()) * clip.pose_count as f32 + 0.5) as u32;
+    clip.first_pose + if pose < clip.pose_count { pose } else { 0 }
 }
 
 /// The clips of an agent.

@@ -9,6 +9,9 @@ use throng::bake::character::{
     Alpha, Character, Clip, Image, Interpolation, Joint, Material, Node, Part, Property, Track,
     Transform,
 };
+use throng::bake::impostor::{
+    Atlas, ErrorSample, Impostors, Kind, KindInfo, NO_JOINT, PoseRange, Quad, Tile, ViewSet,
+};
 use throng::gpu::{Headless, HeadlessDesc};
 use throng::{Agent, CharacterId, FrameOptions, View};
 
@@ -108,6 +111,78 @@ pub fn baked_mascot() -> Baked {
     let (baked, _) = throng::bake::bake::bake(&mascot(), &Default::default(), &mut |_| {})
         .expect("the fixture bakes");
     baked
+}
+
+/// The mascot with impostors that nobody captured: every tile is a rectangle of its own, filled with one colour.
+pub fn baked_mascot_with_impostors() -> Baked {
+    const TILE: u16 = 8;
+    const COLUMNS: u32 = 32;
+    let view_sets = vec![ViewSet::icosahedral(1, -1.0), ViewSet::icosahedral(2, -0.3)];
+    let views: Vec<u32> = view_sets
+        .iter()
+        .map(|s| s.directions.len() as u32)
+        .collect();
+    let quad = |name: &str, joint, y, first_tile, view_set| Quad {
+        name: name.into(),
+        joint,
+        center: Vec3::new(0.02, y, -0.01),
+        depth_extent: 0.4,
+        first_tile,
+        view_set,
+    };
+    let poses = 2 * 3;
+    let tile_count = 2 * views[0] + poses * views[1];
+    let rows = tile_count.div_ceil(COLUMNS) * TILE as u32;
+    let (width, height) = (COLUMNS * TILE as u32, rows.next_power_of_two());
+    let tiles = (0..tile_count).map(|i| {
+        let y = 0.3 + 0.001 * i as f32;
+        Tile {
+            min: [-0.3, -y],
+            max: [0.25, y + 0.01],
+            texel: [(i % COLUMNS) as u16 * TILE, (i / COLUMNS) as u16 * TILE],
+            size: [TILE, TILE],
+        }
+    });
+    let kind = |kind, first_quad, quad_count| KindInfo {
+        kind,
+        first_quad,
+        quad_count,
+        errors: [8.0, 64.0]
+            .map(|height_px| ErrorSample {
+                height_px,
+                error_px: height_px / if kind == Kind::Flat { 40.0 } else { 20.0 },
+            })
+            .to_vec(),
+    };
+    let texels = (width * height) as usize;
+    let mips = texels + texels / 4 + texels / 16;
+    let impostors = Impostors {
+        kinds: vec![kind(Kind::Flat, 0, 2), kind(Kind::Quad, 2, 1)],
+        quads: vec![
+            quad("lower", 0, 0.45, 0, 0),
+            quad("upper", 1, 1.3, views[0], 0),
+            quad("whole", NO_JOINT, 0.9, 2 * views[0], 1),
+        ],
+        clip_poses: [0, 3]
+            .map(|first_pose| PoseRange {
+                first_pose,
+                pose_count: 3,
+            })
+            .to_vec(),
+        tiles: tiles.collect(),
+        atlas: Atlas {
+            width,
+            height,
+            mip_count: 3,
+            color: vec![[200, 120, 40, 255]; mips],
+            surface: vec![[128, 128, 0, 128]; mips],
+        },
+        view_sets,
+    };
+    Baked {
+        impostors: Some(impostors),
+        ..baked_mascot()
+    }
 }
 
 /// Stacked rings of 20 vertices, closed at the top, bound to the joint below or above y = 0.9.

@@ -1,0 +1,205 @@
+//! Which representation draws an agent: by projected height, the cheapest one whose error is allowed.
+//!
+//! The mesh meets any pixel error, at a cost that grows with it. An impostor kind costs next to nothing, and its error was
+//! measured beside the mesh. Both are known before a frame begins, so the choice for every height is a short list of ranges
+//! per character, which the select stage looks up.
+
+use throng_bake::baked::{Baked, Band};
+use throng_bake::impostor::{ErrorSample, Kind};
+
+use crate::frame::Method;
+use crate::gpu_types::{BIN_NONE, MAX_RANGES, RangeInfo};
+
+/// What drawing costs on a device, nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CostModel {
+    /// A mesh of no triangles.
+    pub mesh: f32,
+    /// A triangle of a mesh.
+    pub triangle: f32,
+    /// A quad of no pixels.
+    pub quad: f32,
+    /// A pixel of a quad.
+    pub quad_pixel: f32,
+}
+
+impl CostModel {
+    /// Mesa's lavapipe on two cores.
+    pub const CPU: Self = Self {
+        mesh: 1000.0,
+        triangle: 155.0,
+        quad: 700.0,
+        quad_pixel: 5.0,
+    };
+    /// A GPU, where vertices and pixels are cheap alike.
+    pub const GPU: Self = Self {
+        mesh: 2.0,
+        triangle: 0.5,
+        quad: 1.0,
+        quad_pixel: 0.02,
+    };
+}
+
+/// What the choice is made from, of one character.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Representations {
+    /// Height of its bounds, bind-space units.
+    pub height: f32,
+    /// Collapse error and triangles of mesh levels, finest first, submeshes together.
+    levels: Vec<(f32, f32)>,
+    /// Its impostor kinds.
+    pub kinds: Vec<ImpostorKind>,
+}
+
+/// An impostor kind of one character.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImpostorKind {
+    /// Which.
+    pub kind: Kind,
+    /// Its instance list.
+    pub bin: u32,
+    quad_count: f32,
+    /// Mean area of all its quads over squared height.
+    area: f32,
+    errors: Vec<ErrorSample>,
+}
+
+impl Representations {
+    /// Of a validated character whose impostor bins begin at `first_bin`.
+    pub fn new(baked: &Baked, first_bin: u32) -> Self {
+        let height = baked
+            .clips
+            .iter()
+            .map(|c| c.box_max.y - c.box_min.y)
+            .fold(1e-6, f32::max);
+        let mut errors: Vec<f32> = baked.bands.iter().map(|b| b.error).collect();
+        errors.sort_by(f32::total_cmp);
+        let triangles_at = |error: f32| -> f32 {
+            let submeshes = baked.submeshes.iter().map(|s| {
+                let bands: &[Band] = &baked.bands[s.first_band as usize..][..s.band_count as usize];
+                let band = bands.iter().rev().find(|b| b.error <= error);
+                band.or(bands.first()).map_or(0, |b| b.index_count / 3) as f32
+            });
+            submeshes.sum()
+        };
+        let levels = errors.iter().map(|&e| (e, triangles_at(e))).collect();
+        let impostors = baked.impostors.as_ref();
+        let kinds = impostors.into_iter().flat_map(|i| {
+            (first_bin..).zip(&i.kinds).map(move |(bin, info)| {
+                let quads = &i.quads[info.first_quad as usize..][..info.quad_count as usize];
+                let area = quads.iter().map(|q| {
+                    let views = i.view_sets[q.view_set as usize].directions.len();
+                    let tiles = &i.tiles[q.first_tile as usize..][..views];
+                    let sum: f32 = tiles
+                        .iter()
+                        .map(|t| (t.max[0] - t.min[0]) * (t.max[1] - t.min[1]))
+                        .sum();
+                    sum / views.max(1) as f32
+                });
+                ImpostorKind {
+                    kind: info.kind,
+                    bin,
+                    quad_count: info.quad_count as f32,
+                    area: area.sum::<f32>() / (height * height),
+                    errors: info.errors.clone(),
+                }
+            })
+        });
+        Self {
+            height,
+            levels,
+            kinds: kinds.collect(),
+        }
+    }
+
+    /// Nanoseconds of the mesh at a projected height, at its error bound.
+    pub fn mesh_cost(&self, costs: &CostModel, height_px: f32, pixel_error: f32) -> f32 {
+        let error = pixel_error * self.height / height_px;
+        let level = self.levels.partition_point(|&(e, _)| e <= error);
+        let triangles = self
+            .levels
+            .get(level.saturating_sub(1))
+            .map_or(0.0, |l| l.1);
+        costs.mesh + costs.triangle * triangles
+    }
+
+    /// The ranges of projected size for a method: from near to far, filled up with copies of the last.
+    pub fn ranges(
+        &self,
+        method: Method,
+        pixel_error: f32,
+        costs: &CostModel,
+    ) -> [RangeInfo; MAX_RANGES as usize] {
+        let always = |bin| {
+            [RangeInfo {
+                units_end: f32::INFINITY,
+                bin,
+            }; MAX_RANGES as usize]
+        };
+        let forced = |kind| self.kinds.iter().find(|k| k.kind == kind);
+        match method {
+            Method::Lod | Method::Full | Method::Uninstanced => always(BIN_NONE),
+            Method::Flat => always(forced(Kind::Flat).map_or(BIN_NONE, |k| k.bin)),
+            Method::Quad => always(forced(Kind::Quad).map_or(BIN_NONE, |k| k.bin)),
+            Method::Hybrid => self.cheapest(pixel_error, costs),
+        }
+    }
+
+    fn cheapest(&self, pixel_error: f32, costs: &CostModel) -> [RangeInfo; MAX_RANGES as usize] {
+        let mut ranges: Vec<RangeInfo> = Vec::new();
+        for step in 0..=STEPS {
+            // From near to far.
+            let height_px = HEIGHT_MAX_PX * (-(step as f32) / STEPS_PER_OCTAVE).exp2();
+            let mut best = (self.mesh_cost(costs, height_px, pixel_error), BIN_NONE);
+            for kind in &self.kinds {
+                let cost = kind.cost(costs, height_px);
+                if cost < best.0 && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
+                    best = (cost, kind.bin);
+                }
+            }
+            match ranges.last() {
+                Some(last) if last.bin == best.1 => {}
+                // The last ranges are the far ones, with most agents: an alternation beyond them is not worth another.
+                _ if ranges.len() == MAX_RANGES as usize => {}
+                _ => {
+                    if let Some(last) = ranges.last_mut() {
+                        last.units_end = self.height / height_px;
+                    }
+                    ranges.push(RangeInfo {
+                        units_end: f32::INFINITY,
+                        bin: best.1,
+                    });
+                }
+            }
+        }
+        std::array::from_fn(|i| ranges[i.min(ranges.len() - 1)])
+    }
+}
+
+/// Heights at which the choice is made: 4,096 pixels down to half of one.
+const HEIGHT_MAX_PX: f32 = 4096.0;
+const STEPS_PER_OCTAVE: f32 = 8.0;
+const STEPS: u32 = 13 * 8;
+
+impl ImpostorKind {
+    /// Nanoseconds at a projected height.
+    pub fn cost(&self, costs: &CostModel, height_px: f32) -> f32 {
+        costs.quad * self.quad_count + costs.quad_pixel * self.area * height_px * height_px
+    }
+
+    /// Pixel error at a projected height; `None` where it was not measured. Outside the measured heights it grows with the
+    /// height.
+    pub fn error(&self, height_px: f32) -> Option<f32> {
+        let (first, last) = (self.errors.first()?, self.errors.last()?);
+        if height_px <= first.height_px {
+            return Some(first.error_px * height_px / first.height_px);
+        }
+        if height_px >= last.height_px {
+            return Some(last.error_px.max(0.1) * height_px / last.height_px);
+        }
+        let after = self.errors.partition_point(|e| e.height_px <= height_px);
+        let (a, b) = (self.errors[after - 1], self.errors[after]);
+        let t = (height_px - a.height_px) / (b.height_px - a.height_px);
+        Some(a.error_px + t * (b.error_px - a.error_px))
+    }
+}
