@@ -359,7 +359,8 @@ mod tests {
 
     #[test]
     fn bad_views_are_named() {
-        let cases: &[(fn(&mut CaptureView), &str)] = &[
+        type Case = (fn(&mut CaptureView), &'static str);
+        let cases: &[Case] = &[
             (|v| v.pose = 1, "pose"),
             (|v| v.size[1] = 0, "pixels"),
             (|v| v.size[0] = PAGE_SIZE + 1, "pixels"),

@@ -28,6 +28,7 @@
 
 #![deny(unsafe_code)]
 
+pub mod calibrate;
 pub mod capture;
 pub mod error;
 pub mod frame;
@@ -43,6 +44,7 @@ pub mod representation;
 pub mod scene;
 pub mod select;
 pub mod shadow;
+pub mod sheet;
 pub mod sky;
 
 pub use error::RenderError;

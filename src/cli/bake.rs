@@ -9,6 +9,7 @@ use throng::scene::stem;
 use throng_bake::bake::BakeOptions;
 use throng_bake::file;
 
+use super::impostors;
 use super::inspect::Contents;
 use super::output::{Progress, create_folder, grouped, say, write_json};
 use super::source;
@@ -17,12 +18,14 @@ use super::source;
 #[derive(clap::Args)]
 #[command(
     long_about = "Bakes character files (.glb, .gltf, .obj; or builtin:NAME): one continuous level of detail over the \
-                  whole character that holds in all of its animations, the sampled animations and their bounds. The \
-                  same input and options give the same bytes.",
+                  whole character that holds in all of its animations, the sampled animations and their bounds, and \
+                  impostors, the pictures that far agents are drawn as. The same input and options, and the same \
+                  driver for the pictures, give the same bytes.",
     after_help = "Examples:\n  \
                   throng bake fox.glb -o fox.throng\n  \
                   throng bake people/*.glb -o baked/               several: into a folder\n  \
-                  throng bake builtin:ann -o ann.throng --report ann.json"
+                  throng bake builtin:worker -o worker.throng --report worker.json\n  \
+                  throng bake fox.glb -o fox.throng --impostors flat --head-boost 2"
 )]
 pub struct Arguments {
     /// Character files, or builtin:NAME
@@ -34,8 +37,14 @@ pub struct Arguments {
     /// Also write what was baked, and how long each stage took, as JSON
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// A part of the name of the device that takes impostors' pictures, or its index; the best GPU where left out, a CPU
+    /// driver where there is none
+    #[arg(long, value_name = "DEVICE")]
+    device: Option<String>,
     #[command(flatten)]
     options: Options,
+    #[command(flatten)]
+    impostors: impostors::Options,
 }
 
 /// What a bake may be told.
@@ -92,13 +101,20 @@ struct Stage {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let options = arguments.options.to_bake_options()?;
+    let plan = arguments.impostors.to_plan(arguments.device.as_deref())?;
     let outputs = outputs(&arguments.input, &arguments.output)?;
     let progress = Progress::default();
     let mut reports = Vec::new();
     for (input, output) in arguments.input.iter().zip(&outputs) {
         let start = Instant::now();
         let character = source::character(input, &progress)?;
-        let (baked, times) = source::bake_character(input, &character, &options, &progress)?;
+        let (mut baked, mut times) =
+            source::bake_character(input, &character, &options, &progress)?;
+        if let Some(plan) = &plan {
+            let [capture_ms, calibrate_ms] = plan.add_to(&mut baked, input, &progress)?;
+            times.stage_ms.push(("capture", capture_ms));
+            times.stage_ms.push(("calibrate", calibrate_ms));
+        }
         create_folder(output.parent())?;
         file::write(output, &baked)?;
         let bake_ms = start.elapsed().as_secs_f64() * 1e3;

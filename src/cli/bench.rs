@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use serde::Serialize;
-use throng_bake::bake::BakeOptions;
 
 use super::inspect::Contents;
 use super::measure::{Drawing, MethodName, Report, Studio, WARM_UP_FRAMES};
 use super::output::{Progress, Table, grouped, say, write_json};
 use super::render::Size;
 use super::shot::{Request, Shot};
+use super::source::Recipe;
 
 /// Rebuild the experiments of a paper
 #[derive(clap::Args)]
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         camera: arguments.camera.as_deref(),
         ..Request::default()
     };
-    let mut shot = Shot::new(&request, &BakeOptions::default(), &progress)?;
+    let mut shot = Shot::new(&request, &Recipe::default(), &progress)?;
     let mut studio = Studio::new(&shot, arguments.device.as_deref(), arguments.size.0, 1)?;
     let bar = progress.bar("Measuring", 4 * arguments.agents.len() as u64);
     let mut steps = Vec::new();

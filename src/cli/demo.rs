@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use throng_bake::bake::BakeOptions;
 
+use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Studio};
 use super::output::{Progress, say, write_json};
 use super::render::{Size, save};
 use super::shot::{Request, Shot};
+use super::source::Recipe;
 
 /// Draw 10,000 animated people on a plaza and show what it costs
 #[derive(clap::Args)]
@@ -46,8 +47,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         agents: arguments.agents,
         ..Request::default()
     };
-    let shot = Shot::new(&request, &BakeOptions::default(), &progress)?;
-    let mut studio = Studio::new(&shot, arguments.device.as_deref(), arguments.size.0, 1)?;
+    let device = arguments.device.as_deref();
+    let recipe = Recipe {
+        impostors: Some(Plan::on(device)),
+        ..Recipe::default()
+    };
+    let shot = Shot::new(&request, &recipe, &progress)?;
+    let mut studio = Studio::new(&shot, device, arguments.size.0, 1)?;
     let line = progress.spinner("Drawing");
     let drawing = Drawing {
         method: MethodName::Hybrid,

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail};
-use throng_bake::bake::BakeOptions;
 use throng_bake::{export, glb};
 
 use super::output::{Progress, grouped, say, write_file};
@@ -65,7 +64,7 @@ impl LevelArguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let level = arguments.level.to_level()?;
     let progress = Progress::default();
-    let baked = source::baked(&arguments.file, &BakeOptions::default(), &progress)?;
+    let baked = source::baked(&arguments.file, &source::Recipe::default(), &progress)?;
     let exported = export::export(&baked, level);
     let bytes = glb::write_glb(&exported.character)
         .map_err(|e| anyhow!("{}: cannot be written as glTF: {e}", arguments.file))?;

@@ -1,21 +1,26 @@
 //! `throng inspect`: what is in a baked character.
 
 use std::mem::size_of;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde::Serialize;
-use throng_bake::bake::BakeOptions;
 use throng_bake::baked::{Baked, CollapseEntry, PaletteEntry, Vertex};
+use throng_bake::impostor::{self, ErrorSample, Kind};
 
+use super::impostors::Plan;
 use super::output::{Progress, Table, grouped, say};
-use super::source;
+use super::picture::write_rgba;
+use super::source::{self, Recipe};
 
 /// Show a baked character: submeshes, levels of detail, clips, bytes
 #[derive(clap::Args)]
 #[command(
     long_about = "Shows what a baked character consists of: submeshes, the bands of its levels of detail with their \
-                  error, joints, clips, and the bytes of each part. A source file or builtin:NAME is baked first.",
-    after_help = "Examples:\n  throng inspect fox.throng\n  throng inspect fox.throng --json | jq .bytes_per_vertex"
+                  error, joints, clips, impostors, and the bytes of each part. A source file or builtin:NAME is baked \
+                  first.",
+    after_help = "Examples:\n  throng inspect fox.throng\n  throng inspect fox.throng --json | jq .bytes_per_vertex\n  \
+                  throng inspect fox.throng --atlas fox.png    the impostors' pictures, to fox.png and fox_surface.png"
 )]
 pub struct Arguments {
     /// A baked file, a source file, or builtin:NAME
@@ -23,18 +28,46 @@ pub struct Arguments {
     /// As JSON
     #[arg(long)]
     json: bool,
+    /// Also write the impostors' pictures: colour with coverage as it is, and beside it, as OUT_surface.png, normals to the
+    /// right and up in red and green and depth in blue
+    #[arg(long, value_name = "OUT.png")]
+    atlas: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
-    let baked = source::baked(&arguments.file, &BakeOptions::default(), &progress)?;
+    let recipe = Recipe {
+        impostors: Some(Plan::on(None)),
+        ..Recipe::default()
+    };
+    let baked = source::baked(&arguments.file, &recipe, &progress)?;
+    if let Some(path) = &arguments.atlas {
+        write_atlas(path, &baked, &arguments.file)?;
+    }
     let contents = Contents::of(&baked);
     if arguments.json {
         say(serde_json::to_string_pretty(&contents)? + "\n")
     } else {
         say(contents)
     }
+}
+
+/// Writes the largest mip of the atlas's two pictures.
+fn write_atlas(path: &Path, baked: &Baked, source: &str) -> Result<()> {
+    let Some(impostors) = &baked.impostors else {
+        bail!("--atlas: {source} has no impostors");
+    };
+    let atlas = &impostors.atlas;
+    let texels = atlas.width as usize * atlas.height as usize;
+    write_rgba(path, &atlas.color[..texels], atlas.width)?;
+    let surface = atlas.color.iter().zip(&atlas.surface).take(texels);
+    let surface: Vec<[u8; 4]> = surface
+        .map(|(c, s)| [s[0], s[1], s[3], if c[3] > 0 { 255 } else { 0 }])
+        .collect();
+    let mut name = path.file_stem().unwrap_or_default().to_os_string();
+    name.push("_surface.png");
+    write_rgba(&path.with_file_name(name), &surface, atlas.width)
 }
 
 /// What a baked character consists of. Errors are in bind-space units, metres for most characters.
@@ -49,6 +82,8 @@ pub struct Contents {
     pub body_parts: Vec<String>,
     pub texture: Texture,
     pub error_max_m: f32,
+    /// Absent where none were captured.
+    pub impostors: Option<Impostors>,
     pub bytes: Bytes,
     pub bytes_per_vertex: BytesPerVertex,
 }
@@ -85,6 +120,76 @@ pub struct Texture {
     layer_count: u32,
 }
 
+/// Pictures for far agents.
+#[derive(Serialize)]
+pub struct Impostors {
+    kinds: Vec<ImpostorKind>,
+    tile_count: usize,
+    atlas_width_px: u32,
+    atlas_height_px: u32,
+    mip_count: u32,
+    /// Share of the atlas that tiles take.
+    filled_share: f64,
+}
+
+/// A way to draw a character with quads.
+#[derive(Serialize)]
+pub struct ImpostorKind {
+    kind: Kind,
+    quads: Vec<ImpostorQuad>,
+    /// Poses of all clips; 1 where quads follow joints.
+    pose_count: u32,
+    tile_count: usize,
+    /// Pixel error of the mesh that is as far from the reference picture, by projected height.
+    errors: Vec<ErrorSample>,
+}
+
+#[derive(Serialize)]
+pub struct ImpostorQuad {
+    name: String,
+    view_count: usize,
+}
+
+impl Impostors {
+    fn of(impostors: &impostor::Impostors) -> Self {
+        let kinds = impostors.kinds.iter().map(|k| {
+            let quads = impostors.quads.iter().skip(k.first_quad as usize);
+            let quads: Vec<ImpostorQuad> = quads
+                .take(k.quad_count as usize)
+                .map(|q| ImpostorQuad {
+                    name: q.name.clone(),
+                    view_count: impostors.view_sets[q.view_set as usize].directions.len(),
+                })
+                .collect();
+            let pose_count = match k.kind {
+                Kind::Flat => 1,
+                Kind::Quad => impostors.clip_poses.iter().map(|p| p.pose_count).sum(),
+            };
+            let views: usize = quads.iter().map(|q| q.view_count).sum();
+            ImpostorKind {
+                kind: k.kind,
+                pose_count,
+                tile_count: views * pose_count as usize,
+                quads,
+                errors: k.errors.clone(),
+            }
+        });
+        let atlas = &impostors.atlas;
+        let tiles = impostors.tiles.iter();
+        let filled: f64 = tiles
+            .map(|t| f64::from(t.size[0]) * f64::from(t.size[1]))
+            .sum();
+        Self {
+            kinds: kinds.collect(),
+            tile_count: impostors.tiles.len(),
+            atlas_width_px: atlas.width,
+            atlas_height_px: atlas.height,
+            mip_count: atlas.mip_count,
+            filled_share: filled / (f64::from(atlas.width) * f64::from(atlas.height)).max(1.0),
+        }
+    }
+}
+
 /// Bytes on the device and in the file.
 #[derive(Serialize)]
 pub struct Bytes {
@@ -101,6 +206,8 @@ pub struct Bytes {
     /// Sampled clips.
     palette: u64,
     textures: u64,
+    /// Both pictures of the impostors' atlas, all mips.
+    impostors: u64,
     /// The whole file, with what only export needs.
     file: u64,
 }
@@ -160,6 +267,9 @@ impl Contents {
                 + size_of_val(&baked.bands[..]) as u64,
             palette: (baked.palette.len() * size_of::<PaletteEntry>()) as u64,
             textures: size_of_val(&baked.textures.pixels[..]) as u64,
+            impostors: baked.impostors.as_ref().map_or(0, |i| {
+                (size_of_val(&i.atlas.color[..]) + size_of_val(&i.atlas.surface[..])) as u64
+            }),
             file: throng_bake::file::to_bytes(baked).len() as u64,
         };
         Self {
@@ -185,6 +295,7 @@ impl Contents {
                 layer_count: baked.textures.layer_count,
             },
             error_max_m: baked.error_max,
+            impostors: baked.impostors.as_ref().map(Impostors::of),
             bytes_per_vertex: bytes.per_vertex(vertex_count),
             bytes,
         }
@@ -255,6 +366,9 @@ impl std::fmt::Display for Contents {
             ]);
         }
         writeln!(f, "{table}")?;
+        if let Some(impostors) = &self.impostors {
+            writeln!(f, "{impostors}")?;
+        }
         let (b, v) = (&self.bytes, &self.bytes_per_vertex);
         let mut table = Table::new(["part", "bytes", "per vertex"]);
         for (part, bytes, each) in [
@@ -270,6 +384,7 @@ impl std::fmt::Display for Contents {
             ),
             ("palette texture", b.palette, None),
             ("textures", b.textures, None),
+            ("impostors", b.impostors, None),
             ("file", b.file, None),
         ] {
             table.row([
@@ -279,5 +394,51 @@ impl std::fmt::Display for Contents {
             ]);
         }
         write!(f, "{table}")
+    }
+}
+
+impl std::fmt::Display for Impostors {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut table = Table::new(["impostors", "quads", "views", "poses", "tiles"]);
+        for k in &self.kinds {
+            let views = k.quads.iter().map(|q| q.view_count);
+            let (least, most) = (views.clone().min(), views.max());
+            table.row([
+                format!("{:?}", k.kind).to_lowercase(),
+                k.quads.len().to_string(),
+                match (least, most) {
+                    (Some(a), Some(b)) if a != b => format!("{a}-{b}"),
+                    (Some(a), _) => a.to_string(),
+                    _ => "0".into(),
+                },
+                k.pose_count.to_string(),
+                grouped(k.tile_count as u64),
+            ]);
+        }
+        write!(f, "{table}")?;
+        writeln!(
+            f,
+            "  atlas: {} x {} texels, {} mips, {:.0} % filled",
+            self.atlas_width_px,
+            self.atlas_height_px,
+            self.mip_count,
+            100.0 * self.filled_share
+        )?;
+        let Some(first) = self.kinds.iter().find(|k| !k.errors.is_empty()) else {
+            return Ok(());
+        };
+        write!(f, "  error in pixels at a height of")?;
+        for sample in &first.errors {
+            write!(f, " {:>5.0}", sample.height_px)?;
+        }
+        writeln!(f, " pixels")?;
+        for k in self.kinds.iter().filter(|k| !k.errors.is_empty()) {
+            write!(f, "  {:>31}", format!("{:?}", k.kind).to_lowercase())?;
+            for sample in &k.errors {
+                write!(f, " {:>5.2}", sample.error_px)?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
     }
 }

@@ -32,6 +32,11 @@ pub enum MethodName {
 }
 
 impl MethodName {
+    /// Characters that are baked for it need impostors.
+    pub fn uses_impostors(self) -> bool {
+        matches!(self, Self::Hybrid | Self::Flat | Self::Quad)
+    }
+
     fn to_method(self) -> Method {
         match self {
             Self::Hybrid => Method::Hybrid,

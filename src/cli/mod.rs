@@ -9,6 +9,7 @@ mod bench;
 mod characters;
 mod demo;
 mod export;
+mod impostors;
 mod inspect;
 mod measure;
 mod output;

@@ -40,10 +40,14 @@ impl Progress {
         bar
     }
 
-    /// Says something to the user without tearing the bars.
+    /// Warns the user without tearing the bars.
     pub fn warn(&self, message: &str) {
-        self.bars
-            .suspend(|| eprintln!("throng: warning: {message}"));
+        self.note(&format!("warning: {message}"));
+    }
+
+    /// Tells the user something without tearing the bars.
+    pub fn note(&self, message: &str) {
+        self.bars.suspend(|| eprintln!("throng: {message}"));
     }
 }
 

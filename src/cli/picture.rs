@@ -70,6 +70,21 @@ pub fn write_png(path: &Path, pixels: &[[u8; 4]], width: u32, height: u32) -> Re
     write_file(path, file.get_ref())
 }
 
+/// Writes a PNG with alpha, whole or not at all. Shape: `pixels` [height][width].
+pub fn write_rgba(path: &Path, pixels: &[[u8; 4]], width: u32) -> Result<()> {
+    let height = pixels.len() as u32 / width.max(1);
+    let mut file = Cursor::new(Vec::new());
+    image::codecs::png::PngEncoder::new(&mut file)
+        .write_image(
+            pixels.as_flattened(),
+            width,
+            height,
+            ExtendedColorType::Rgba8,
+        )
+        .map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    write_file(path, file.get_ref())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,12 +7,13 @@ use std::str::FromStr;
 use anyhow::{Result, bail};
 use serde::Serialize;
 use throng::scene::builtin_names;
-use throng_bake::bake::BakeOptions;
 
+use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Report, Studio};
 use super::output::{Progress, grouped, say, write_json};
 use super::picture::{average, write_png};
 use super::shot::{Request, Shot, ViewFrom};
+use super::source::Recipe;
 
 /// Draw a scene, or a character, to PNG files
 #[derive(clap::Args)]
@@ -159,15 +160,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         camera: arguments.camera.as_deref(),
         side: arguments.view,
     };
-    let shot = Shot::new(&request, &BakeOptions::default(), &progress)?;
     let quality = &arguments.quality;
+    let device = arguments.device.as_deref();
+    let recipe = Recipe {
+        impostors: quality.method.uses_impostors().then(|| Plan::on(device)),
+        ..Recipe::default()
+    };
+    let shot = Shot::new(&request, &recipe, &progress)?;
     let size = arguments.size;
-    let mut studio = Studio::new(
-        &shot,
-        arguments.device.as_deref(),
-        size.0,
-        quality.supersample,
-    )?;
+    let mut studio = Studio::new(&shot, device, size.0, quality.supersample)?;
     let default_runs = if arguments.report.is_some() { 10 } else { 1 };
     let frames = match arguments.frames {
         Some(f) => f.first..=f.last,

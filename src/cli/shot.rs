@@ -6,11 +6,10 @@ use anyhow::{Result, bail};
 use glam::{Mat3, Quat, Vec3};
 use throng::scene::{Crowd, Scene, SceneClip, SceneCrowd, SceneLight};
 use throng::{Agent, FrameOptions, View};
-use throng_bake::bake::BakeOptions;
 use throng_bake::baked::Baked;
 
 use super::output::Progress;
-use super::source;
+use super::source::{self, Recipe};
 
 /// A scene, ready to be drawn at any time.
 pub struct Shot {
@@ -72,7 +71,7 @@ pub struct Request<'a> {
 
 impl Shot {
     /// Reads the scene, bakes what is not baked, and places everybody.
-    pub fn new(request: &Request, bake_options: &BakeOptions, progress: &Progress) -> Result<Self> {
+    pub fn new(request: &Request, recipe: &Recipe, progress: &Progress) -> Result<Self> {
         let is_portrait = request.scene.is_none()
             && !request.characters.is_empty()
             && request.agents.is_none_or(|n| n <= 1);
@@ -104,7 +103,7 @@ impl Shot {
             None => (!scene.cameras.is_empty()).then_some(0),
         };
         let sources: Vec<String> = scene.characters.iter().map(|c| c.source.clone()).collect();
-        let characters = source::baked_all(&sources, bake_options, progress)?;
+        let characters = source::baked_all(&sources, recipe, progress)?;
         if is_portrait {
             scene.crowds[0].positions = side_by_side(&characters);
         }
