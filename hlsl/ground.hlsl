@@ -3,19 +3,11 @@
 // well, and over a single huge one badly (SwiftShader: by half a slab).
 // The paving is filtered over each pixel's footprint, so that it fades instead of flickering.
 
-#include "gpu_types.hlsli"
-#include "color.hlsli"
-
-[[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
+#include "ground.hlsli"
 
 // Half the side of the innermost square in metres, and how often each ring doubles it; haze covers the edge of the last.
 static const float FIRST_HALF_SIDE = 1.25;
 static const uint RING_DOUBLINGS = 2u;
-// Metres of a slab, and the share of it that is joint.
-static const float SLAB = 1.2;
-static const float JOINT = 0.03;
-
 struct Interpolants
 {
     float4 position : SV_Position;
@@ -44,34 +36,7 @@ Interpolants VSMain(uint vertex : SV_VertexID)
     return o;
 }
 
-// Share of a pixel's footprint that is joint, by axis.
-float2 JointShare(float2 p, float2 width)
-{
-    float2 a = p + 0.5 * width;
-    float2 b = p - 0.5 * width;
-    return saturate((floor(a) + min(frac(a) / JOINT, 1.0) - floor(b) - min(frac(b) / JOINT, 1.0)) * JOINT / width);
-}
-
 float4 PSMain(Interpolants i) : SV_Target
 {
-    float2 p = (frame.eye.xz + i.offset) / SLAB;
-    float2 width = max(abs(ddx(i.offset)) + abs(ddy(i.offset)), 1e-4) / SLAB;
-    float2 joint_share = JointShare(p, width);
-    float joint = 1.0 - (1.0 - joint_share.x) * (1.0 - joint_share.y);
-
-    // Every slab has its own lightness, as long as a pixel is smaller than a slab.
-    int2 slab = int2(floor(p));
-    uint hash = uint(slab.x) * 0x9e3779b9u ^ uint(slab.y) * 0x85ebca6bu;
-    hash = (hash ^ (hash >> 15)) * 0x2c1b3c6du;
-    float lightness = float((hash >> 8) & 0xffu) * (1.0 / 255.0) - 0.5;
-    float near_share = saturate(1.5 - 2.0 * max(width.x, width.y));
-    float3 albedo = float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
-
-    float3 light = frame.sun * saturate(frame.to_sun.y) + frame.sky;
-    float distance = sqrt(dot(i.offset, i.offset) + frame.eye.y * frame.eye.y);
-    float haze = HazeShare(distance, frame.haze_per_metre);
-    // The horizon itself is all haze.
-    haze = lerp(haze, 1.0, saturate(distance * (1.0 / 4000.0)));
-    float3 color = lerp(albedo * light, frame.haze, haze);
-    return float4(SRGB_TARGET ? saturate(color) : SrgbFromLinear(color), 1.0);
+    return TargetColor(GroundColor(i.offset));
 }

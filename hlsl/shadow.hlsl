@@ -1,13 +1,15 @@
 // shadow: a soft dark spot on the ground under every agent that stands on it, as one instanced quad draw over all instance
-// lists. It fades with distance, by metres and not by pixels, so that pictures of any size agree.
+// lists. It fades with distance, by metres and not by pixels, so that pictures of any size agree. A pixel draws the ground
+// anew with less light, and the target keeps the darker of what it has and gets: where spots overlap the darkest counts, so
+// that the picture does not depend on the order of the lists.
 
+#include "ground.hlsli"
 #include "instance.hlsli"
 
-[[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
-
-// Light that the middle of a shadow takes.
+// Share of its sRGB-encoded colour that the middle of a shadow takes from the ground.
 static const float STRENGTH = 0.5;
+// Less than this cannot be seen, and would only show that this pixel's ground is not to the last bit the one beneath.
+static const float STRENGTH_MIN = 0.01;
 // Metres above the ground, so that the two do not fight for depth.
 static const float LIFT = 0.01;
 // Distance in radii at which a shadow begins to fade; at twice that it is gone.
@@ -17,6 +19,7 @@ struct Interpolants
 {
     float4 position : SV_Position;
     float3 offset_strength : TEXCOORD0; // from the centre in radii; strength
+    float2 offset : TEXCOORD1; // of the ground beneath from the camera's foot point, metres
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
@@ -30,20 +33,24 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     fade *= saturate(1.0 - abs(instance.position.y) / max(radius, 1e-6));
     Interpolants o;
     o.offset_strength = float3(corner, fade * STRENGTH);
-    float2 ground = instance.position.xz + corner * (fade > 0.0 ? radius : 0.0);
-    o.position = mul(frame.clip_from_world, float4(ground.x, LIFT, ground.y, 1.0));
+    float2 offset = instance.position.xz - frame.eye.xz + corner * (fade > 0.0 ? radius : 0.0);
+    o.position = mul(frame.clip_from_world, float4(frame.eye.x + offset.x, LIFT, frame.eye.z + offset.y, 1.0));
+    // Of the ground, what the pixel has beneath it, seen from the camera.
+    o.offset = offset * (frame.eye.y > 2.0 * LIFT ? frame.eye.y / (frame.eye.y - LIFT) : 1.0);
     return o;
 }
 
-// The target's colour is multiplied by one minus alpha.
+// The target keeps the smaller of this and what it has.
 float4 PSMain(Interpolants i) : SV_Target
 {
+    float3 ground = GroundColor(i.offset);
     float spot = saturate(1.0 - dot(i.offset_strength.xy, i.offset_strength.xy));
-    float left = 1.0 - i.offset_strength.z * spot * spot;
-    // What the factor is on sRGB-encoded colour, it is to the power 2.2 on linear colour.
-    if (SRGB_TARGET)
+    float strength = i.offset_strength.z * spot * spot;
+    if (strength < STRENGTH_MIN)
     {
-        left *= left;
+        discard;
     }
-    return float4(0.0, 0.0, 0.0, 1.0 - left);
+    float left = 1.0 - strength;
+    // What the factor is on sRGB-encoded colour, it is to the power 2.2 on linear colour.
+    return SRGB_TARGET ? float4(saturate(ground * left * left), 1.0) : float4(SrgbFromLinear(ground) * left, 1.0);
 }

@@ -186,8 +186,7 @@ pub struct FrameOptions {
     pub animate: bool,
     /// Draws the ground plane (y = 0).
     pub ground: bool,
-    /// Draws a soft contact shadow under every agent, where the ground is drawn. Where shadows overlap, a pixel may come
-    /// out one step of 255 lighter or darker from run to run: they blend in the order of the instance lists.
+    /// Draws a soft contact shadow under every agent, where the ground is drawn. Where shadows overlap, the darkest counts.
     pub shadows: bool,
     /// Draws the sky behind everything.
     pub sky: bool,

@@ -99,12 +99,7 @@ fn goldens() {
         ("crowd_full", crowd(400, &[id]), Method::Full),
         ("empty", Vec::new(), Method::Lod),
     ] {
-        // Where shadows overlap, a CPU driver rounds them in the order of the lists, which is not defined.
-        let options = FrameOptions {
-            shadows: agents.len() < 10,
-            ..options(method)
-        };
-        frame(&mut headless, &agents, &options);
+        frame(&mut headless, &agents, &options(method));
         check_golden(&mut headless, name);
     }
     assert_silent(&headless);

@@ -85,7 +85,7 @@ struct DrawState<'a> {
     cull: vk::CullModeFlags,
     topology: vk::PrimitiveTopology,
     depth_write: bool,
-    /// Multiplies the target by one minus alpha instead of replacing it.
+    /// The target keeps the darker of what it has and gets, channel by channel, and its alpha.
     darkens: bool,
 }
 
@@ -326,8 +326,9 @@ impl Pipelines {
         let attachment = [vk::PipelineColorBlendAttachmentState::default()
             .color_write_mask(vk::ColorComponentFlags::RGBA)
             .blend_enable(state.darkens)
-            .src_color_blend_factor(vk::BlendFactor::ZERO)
-            .dst_color_blend_factor(vk::BlendFactor::ONE_MINUS_SRC_ALPHA)
+            .color_blend_op(vk::BlendOp::MIN)
+            .src_color_blend_factor(vk::BlendFactor::ONE)
+            .dst_color_blend_factor(vk::BlendFactor::ONE)
             .src_alpha_blend_factor(vk::BlendFactor::ZERO)
             .dst_alpha_blend_factor(vk::BlendFactor::ONE)];
         let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment);

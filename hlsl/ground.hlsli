@@ -1,0 +1,54 @@
+// The look of the paved ground, which the ground stage draws and the shadow stage darkens.
+
+#ifndef THRONG_GROUND
+#define THRONG_GROUND
+
+#include "gpu_types.hlsli"
+#include "color.hlsli"
+
+[[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
+[[vk::constant_id(1)]] const bool SRGB_TARGET = false;
+
+// Metres of a slab, and the share of it that is joint.
+static const float SLAB = 1.2;
+static const float JOINT = 0.03;
+
+// Share of a pixel's footprint that is joint, by axis.
+float2 JointShare(float2 p, float2 width)
+{
+    float2 a = p + 0.5 * width;
+    float2 b = p - 0.5 * width;
+    return saturate((floor(a) + min(frac(a) / JOINT, 1.0) - floor(b) - min(frac(b) / JOINT, 1.0)) * JOINT / width);
+}
+
+// Linear colour of the ground at an offset from the camera's foot point, metres. For pixel shaders: takes derivatives.
+float3 GroundColor(float2 offset)
+{
+    float2 p = (frame.eye.xz + offset) / SLAB;
+    float2 width = max(abs(ddx(offset)) + abs(ddy(offset)), 1e-4) / SLAB;
+    float2 joint_share = JointShare(p, width);
+    float joint = 1.0 - (1.0 - joint_share.x) * (1.0 - joint_share.y);
+
+    // Every slab has its own lightness, as long as a pixel is smaller than a slab.
+    int2 slab = int2(floor(p));
+    uint hash = uint(slab.x) * 0x9e3779b9u ^ uint(slab.y) * 0x85ebca6bu;
+    hash = (hash ^ (hash >> 15)) * 0x2c1b3c6du;
+    float lightness = float((hash >> 8) & 0xffu) * (1.0 / 255.0) - 0.5;
+    float near_share = saturate(1.5 - 2.0 * max(width.x, width.y));
+    float3 albedo = float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
+
+    float3 light = frame.sun * saturate(frame.to_sun.y) + frame.sky;
+    float distance = sqrt(dot(offset, offset) + frame.eye.y * frame.eye.y);
+    float haze = HazeShare(distance, frame.haze_per_metre);
+    // The horizon itself is all haze.
+    haze = lerp(haze, 1.0, saturate(distance * (1.0 / 4000.0)));
+    return lerp(albedo * light, frame.haze, haze);
+}
+
+// What a target holds of a linear colour.
+float4 TargetColor(float3 color)
+{
+    return float4(SRGB_TARGET ? saturate(color) : SrgbFromLinear(color), 1.0);
+}
+
+#endif
