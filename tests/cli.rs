@@ -381,6 +381,29 @@ fn the_paper_s_experiments_run() {
     assert!(step["ratios"]["triangles_full_to_lod"].as_f64().unwrap() >= 1.0);
 }
 
+/// Every representation at every height, with a plot of them.
+#[test]
+fn representations_are_measured_by_height() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "tetra", 3);
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (plot, report) = (path("new/height.svg"), path("height.json"));
+    let fixed = ["bench", "height", "--size", "96x64", "--runs", "1"];
+    let more = ["--character", source.to_str().unwrap()];
+    let files = ["--plot", &plot, "--json", &report];
+    let said = succeed(&[&fixed[..], &more, &files].concat());
+    assert!(said.contains("hybrid/cheapest"));
+    assert!(std::fs::read_to_string(plot).unwrap().contains("<svg"));
+    let results = json(&std::fs::read_to_string(report).unwrap());
+    let steps = results["steps"].as_array().unwrap();
+    assert_eq!(steps[0]["height_px"], 4.0);
+    assert_eq!(steps.last().unwrap()["height_px"], 400.0);
+    for step in steps {
+        assert_eq!(step["ms_per_1000"].as_array().unwrap().len(), 4);
+    }
+    assert!(refuse(&["bench", "ramos", "--plot", "a.svg"]).contains("--plot"));
+}
+
 /// The whole way of a built-in character: made, written, baked, looked at, exported, drawn.
 #[test]
 fn a_built_in_character_goes_all_the_way() {

@@ -1,4 +1,5 @@
-//! `throng bench`: experiments of papers, rebuilt. `ramos`: Ramos et al. 2012, table 2 and figures 3 and 4.
+//! `throng bench`: experiments of papers, rebuilt. `ramos`: Ramos et al. 2012, table 2 and figures 3 and 4. `height` is in
+//! [`super::bench_height`].
 
 use std::path::PathBuf;
 
@@ -12,49 +13,55 @@ use super::render::Size;
 use super::shot::{Request, Shot};
 use super::source::Recipe;
 
-/// Rebuild the experiments of a paper
+/// Measure what drawing costs: experiments of papers, and representations by height
 #[derive(clap::Args)]
 #[command(
-    long_about = "Rebuilds the experiments of a paper.\n\nramos: Ramos, Ripolles and Chover 2012. Triangles with and \
+    long_about = "Measures what drawing costs.\n\nramos: Ramos, Ripolles and Chover 2012. Triangles with and \
                   without levels of detail over the number of agents (figure 3b); milliseconds with instancing and \
                   without, and with levels of detail and without (figure 4a); draw calls (figure 4b); animation on and \
-                  off (figure 3a); bytes per vertex (table 2). Absolute times are this machine's; compare ratios.",
+                  off (figure 3a); bytes per vertex (table 2).\n\nheight: milliseconds per 1,000 agents of one \
+                  character by projected height, from 4 to 400 pixels, in every representation, and how near the \
+                  hybrid is to the cheapest one that --pixel-error allows.\n\nAbsolute times are this machine's; compare ratios.",
     after_help = "Examples:\n  \
                   throng bench ramos\n  \
-                  throng bench ramos --agents 1000,10000 --character ped.glb --json ramos.json"
+                  throng bench ramos --agents 1000,10000 --character ped.glb --json ramos.json\n  \
+                  throng bench height --character fox.glb --plot height.svg --json height.json"
 )]
 pub struct Arguments {
     /// Which experiments
     #[arg(value_enum, default_value = "ramos")]
     name: Name,
-    /// Numbers of agents
+    /// Numbers of agents, for ramos
     #[arg(short = 'n', long, value_name = "N,N,...", value_delimiter = ',',
           default_values_t = [1_000, 2_000, 4_000, 6_000, 8_000, 10_000])]
     agents: Vec<usize>,
-    /// A scene file, or the name of a built-in scene
+    /// A scene file, or the name of a built-in scene, for ramos
     #[arg(long, default_value = "plaza")]
     scene: String,
-    /// A character in place of the scene's; may be repeated
+    /// A character in place of the scene's; may be repeated. For height: the one that is measured
     #[arg(short, long = "character", value_name = "FILE")]
-    characters: Vec<String>,
-    /// Which of the scene's cameras
+    pub characters: Vec<String>,
+    /// Which of the scene's cameras, for ramos
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Largest error of levels of detail in pixels
     #[arg(long, value_name = "PX", default_value_t = 1.0)]
-    pixel_error: f32,
+    pub pixel_error: f32,
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "1024x768")]
-    size: Size,
+    pub size: Size,
     /// Frames timed of each kind, after two that warm up
     #[arg(long, value_name = "N", default_value_t = 10)]
-    runs: usize,
+    pub runs: usize,
     /// A part of the device's name, or its index
     #[arg(long, value_name = "DEVICE")]
-    device: Option<String>,
+    pub device: Option<String>,
     /// Also write everything that was measured as JSON
     #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    pub json: Option<PathBuf>,
+    /// Also write a plot, for height
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
@@ -62,6 +69,8 @@ pub struct Arguments {
 enum Name {
     /// Ramos et al. 2012: continuous levels of detail for animated crowds
     Ramos,
+    /// Every representation by projected height
+    Height,
 }
 
 /// What was measured at one number of agents.
@@ -97,6 +106,16 @@ struct Results {
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.runs == 0 || arguments.agents.is_empty() {
         bail!("--runs and --agents have to be at least 1");
+    }
+    match arguments.name {
+        Name::Ramos => run_ramos(arguments),
+        Name::Height => super::bench_height::run(arguments),
+    }
+}
+
+fn run_ramos(arguments: &Arguments) -> Result<()> {
+    if arguments.plot.is_some() {
+        bail!("--plot: it is for height");
     }
     let progress = Progress::default();
     let request = Request {

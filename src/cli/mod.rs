@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 mod bake;
 mod bench;
+mod bench_height;
 mod characters;
 mod demo;
 mod export;

@@ -1,0 +1,347 @@
+//! `throng bench height`: what an agent costs in each representation, by projected height.
+
+use std::path::Path;
+
+use anyhow::{Result, anyhow, bail};
+use plotters::prelude::*;
+use serde::Serialize;
+use throng::gpu::{Headless, HeadlessDesc};
+use throng::representation::Representations;
+use throng::sheet::{Sheet, SheetDesc};
+use throng::{FrameOptions, Method};
+
+use super::bench::Arguments;
+use super::impostors::Plan;
+use super::measure::WARM_UP_FRAMES;
+use super::output::{Progress, Table, median_p95, say, write_file, write_json};
+use super::source::{self, Recipe};
+
+/// Projected heights, pixels.
+const HEIGHTS_PX: [f32; 14] = [
+    4.0, 6.0, 8.0, 11.0, 16.0, 23.0, 32.0, 45.0, 64.0, 91.0, 128.0, 181.0, 256.0, 400.0,
+];
+/// What is measured; the first three may be forced, the last chooses.
+const METHODS: [(&str, Method); 4] = [
+    ("lod", Method::Lod),
+    ("flat", Method::Flat),
+    ("quad", Method::Quad),
+    ("hybrid", Method::Hybrid),
+];
+/// The camera's pitch, radians: on a balcony.
+const PITCH: f32 = 0.4;
+/// From one agent to the next, in heights: the picture is full of them, and few stand behind others.
+const CELL: [f32; 2] = [0.5, 1.05];
+/// Most agents: more take longer and tell no more.
+const AGENTS_MAX: f32 = 6000.0;
+/// Who is measured where nobody is named.
+const DEFAULT_CHARACTER: &str = "builtin:worker";
+
+/// What was measured at a projected height.
+#[derive(Serialize)]
+struct Step {
+    height_px: f32,
+    agents: usize,
+    /// Milliseconds per 1,000 agents, without what a frame of no agents takes, by method.
+    ms_per_1000: Vec<Cost>,
+    /// The cheapest method whose error is allowed.
+    cheapest_allowed: &'static str,
+    hybrid_to_cheapest: f64,
+    /// The hybrid's agents by representation.
+    representations: Vec<throng::Representation>,
+    lod_triangles_per_agent: f64,
+}
+
+#[derive(Serialize)]
+struct Cost {
+    method: &'static str,
+    ms: f64,
+    /// Pixel error that was measured for the kind, or is asked of meshes.
+    error_px: Option<f32>,
+}
+
+#[derive(Serialize)]
+struct Results {
+    experiment: &'static str,
+    device: String,
+    driver: String,
+    character: String,
+    size_px: [u32; 2],
+    pixel_error_px: f32,
+    runs: usize,
+    warm_up_frames: usize,
+    steps: Vec<Step>,
+}
+
+/// Runs the experiment.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let progress = Progress::default();
+    let source = match &arguments.characters[..] {
+        [] => DEFAULT_CHARACTER,
+        [one] => one,
+        _ => bail!("--character: this experiment measures one character"),
+    };
+    let device = arguments.device.as_deref();
+    let recipe = Recipe {
+        impostors: Some(Plan::on(device)),
+        ..Recipe::default()
+    };
+    let baked = source::baked(source, &recipe, &progress)?;
+    let mut headless = Headless::new(&HeadlessDesc {
+        device: device.map(str::to_string),
+        size_px: arguments.size.0,
+        ..HeadlessDesc::default()
+    })?;
+    let character = headless.add_character(&baked)?;
+    let errors = Representations::new(&baked, 0);
+    let bar = progress.bar("Measuring", (HEIGHTS_PX.len() * METHODS.len()) as u64);
+    let mut steps = Vec::new();
+    for height_px in HEIGHTS_PX {
+        let sheet = Sheet::new(&baked, character, &filled(height_px, arguments.size.0));
+        let mut timing = Timing {
+            headless: &mut headless,
+            sheet: &sheet,
+            pixel_error: arguments.pixel_error,
+            runs: arguments.runs,
+        };
+        let mut step = Step {
+            height_px,
+            agents: sheet.agents.len(),
+            ms_per_1000: Vec::new(),
+            cheapest_allowed: "lod",
+            hybrid_to_cheapest: 1.0,
+            representations: Vec::new(),
+            lod_triangles_per_agent: 0.0,
+        };
+        for (name, method) in METHODS {
+            let kind = errors
+                .kinds
+                .iter()
+                .find(|k| format!("{:?}", k.kind) == format!("{method:?}"));
+            let is_impostor = matches!(method, Method::Flat | Method::Quad);
+            if is_impostor && kind.is_none() {
+                continue;
+            }
+            let (ms, report) = timing.run(method)?;
+            bar.inc(1);
+            match method {
+                Method::Lod => {
+                    let visible = report.visible.max(1) as f64;
+                    step.lod_triangles_per_agent = report.triangles as f64 / visible;
+                }
+                Method::Hybrid => step.representations = report.representations,
+                _ => {}
+            }
+            step.ms_per_1000.push(Cost {
+                method: name,
+                ms: ms * 1000.0 / sheet.agents.len() as f64,
+                error_px: match kind {
+                    Some(kind) => kind.error(height_px),
+                    None => (method == Method::Lod).then_some(arguments.pixel_error),
+                },
+            });
+        }
+        step.compare(arguments.pixel_error);
+        steps.push(step);
+    }
+    bar.finish_and_clear();
+    let results = Results {
+        experiment: "height",
+        device: headless.device_name().into(),
+        driver: headless.driver().into(),
+        character: baked.name.clone(),
+        size_px: arguments.size.0,
+        pixel_error_px: arguments.pixel_error,
+        runs: arguments.runs,
+        warm_up_frames: WARM_UP_FRAMES,
+        steps,
+    };
+    say(&results)?;
+    if let Some(path) = &arguments.plot {
+        results.plot(path)?;
+    }
+    match &arguments.json {
+        Some(path) => write_json(path, &results),
+        None => Ok(()),
+    }
+}
+
+/// A sheet that fills the picture.
+fn filled(height_px: f32, size_px: [u32; 2]) -> SheetDesc {
+    let [width, height] = size_px.map(|s| s as f32);
+    let cell = CELL.map(|c| c * height_px);
+    let cells = width * height / (cell[0] * cell[1]);
+    let spread = (cells / AGENTS_MAX).sqrt().max(1.0);
+    let cell_px = cell.map(|c| c * spread);
+    SheetDesc {
+        height_px,
+        pitch: PITCH,
+        grid: [width / cell_px[0], height / cell_px[1]].map(|n| (n as u32).max(1)),
+        cell_px,
+        size_px,
+    }
+}
+
+/// Times frames of one sheet.
+struct Timing<'a> {
+    headless: &'a mut Headless,
+    sheet: &'a Sheet,
+    pixel_error: f32,
+    runs: usize,
+}
+
+impl Timing<'_> {
+    /// Median milliseconds that the agents add to a frame. Frames with and without them take turns, so that a machine
+    /// that grows slower does so for both.
+    fn run(&mut self, method: Method) -> Result<(f64, throng::FrameReport)> {
+        let options = FrameOptions {
+            method,
+            pixel_error: self.pixel_error,
+            ground: false,
+            shadows: false,
+            sky: false,
+            ..FrameOptions::default()
+        };
+        let view = self.sheet.view(1);
+        let (mut with, mut without) = (Vec::new(), Vec::new());
+        let mut last = throng::FrameReport::default();
+        for run in 0..WARM_UP_FRAMES + self.runs {
+            let empty = self.headless.render(&[], &view, &options)?;
+            last = self.headless.render(&self.sheet.agents, &view, &options)?;
+            if run >= WARM_UP_FRAMES {
+                without.extend(empty.frame_ms);
+                with.extend(last.frame_ms);
+            }
+        }
+        let ms = median_p95(&with).0 - median_p95(&without).0;
+        Ok((ms.max(0.0), last))
+    }
+}
+
+impl Step {
+    /// Finds the cheapest method that is allowed, and how many times as much the hybrid costs.
+    fn compare(&mut self, pixel_error: f32) {
+        let allowed = self.ms_per_1000.iter().filter(|c| {
+            let is_forced = c.method != "hybrid";
+            is_forced && c.error_px.is_some_and(|e| e <= pixel_error)
+        });
+        let cheapest = allowed.min_by(|a, b| a.ms.total_cmp(&b.ms));
+        let hybrid = self.ms_per_1000.iter().find(|c| c.method == "hybrid");
+        if let (Some(cheapest), Some(hybrid)) = (cheapest, hybrid) {
+            self.cheapest_allowed = cheapest.method;
+            self.hybrid_to_cheapest = hybrid.ms / cheapest.ms.max(1e-9);
+        }
+    }
+
+    fn ms(&self, method: &str) -> Option<f64> {
+        let cost = self.ms_per_1000.iter().find(|c| c.method == method);
+        cost.map(|c| c.ms)
+    }
+}
+
+impl Results {
+    /// One curve per method, both axes logarithmic.
+    fn plot(&self, path: &Path) -> Result<()> {
+        let bad = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", path.display());
+        let all = self
+            .steps
+            .iter()
+            .flat_map(|s| s.ms_per_1000.iter().map(|c| c.ms));
+        let (mut low, mut high) = (f64::MAX, 1e-3f64);
+        for ms in all.filter(|&ms| ms > 0.0) {
+            (low, high) = (low.min(ms), high.max(ms));
+        }
+        let heights = HEIGHTS_PX[0]..HEIGHTS_PX[HEIGHTS_PX.len() - 1];
+        let mut svg = String::new();
+        {
+            let root = SVGBackend::with_string(&mut svg, (900, 560)).into_drawing_area();
+            root.fill(&WHITE).map_err(|e| bad(&e))?;
+            let title = format!(
+                "{} on {}, {} px of error",
+                self.character, self.device, self.pixel_error_px
+            );
+            let mut chart = ChartBuilder::on(&root)
+                .caption(title, ("sans-serif", 16))
+                .margin(12)
+                .x_label_area_size(44)
+                .y_label_area_size(64)
+                .build_cartesian_2d(heights.log_scale(), (low * 0.8..high * 1.3).log_scale())
+                .map_err(|e| bad(&e))?;
+            chart
+                .configure_mesh()
+                .x_desc("projected height, pixels")
+                .y_desc("milliseconds per 1,000 agents")
+                .x_label_formatter(&|x| format!("{x:.0}"))
+                .y_label_formatter(&|y| format!("{y:.2}"))
+                .draw()
+                .map_err(|e| bad(&e))?;
+            for (i, (name, _)) in METHODS.iter().enumerate() {
+                let color = [&BLUE, &RED, &GREEN, &BLACK][i];
+                // The hybrid lies over one of the others.
+                let style = color.stroke_width(if *name == "hybrid" { 1 } else { 3 });
+                let points = self
+                    .steps
+                    .iter()
+                    .filter_map(|s| Some((s.height_px, s.ms(name)?)));
+                let points = points.filter(|p| p.1 > 0.0);
+                chart
+                    .draw_series(LineSeries::new(points, style))
+                    .map_err(|e| bad(&e))?
+                    .label(*name)
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
+            }
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperLeft)
+                .border_style(BLACK)
+                .background_style(WHITE)
+                .draw()
+                .map_err(|e| bad(&e))?;
+            root.present().map_err(|e| bad(&e))?;
+        }
+        write_file(path, svg.as_bytes())
+    }
+}
+
+impl std::fmt::Display for Results {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [width, height] = self.size_px;
+        writeln!(
+            f,
+            "{}, {}; {}, {width} x {height}, {} px of error, {} frames each\n",
+            self.device, self.driver, self.character, self.pixel_error_px, self.runs
+        )?;
+        let mut table = Table::new([
+            "height px",
+            "agents",
+            "lod ms/1000",
+            "flat ms/1000",
+            "error px",
+            "quad ms/1000",
+            "error px",
+            "hybrid ms/1000",
+            "cheapest allowed",
+            "hybrid/cheapest",
+        ]);
+        for s in &self.steps {
+            let ms = |method| s.ms(method).map_or("-".into(), |x| format!("{x:.3}"));
+            let error = |method: &str| {
+                let cost = s.ms_per_1000.iter().find(|c| c.method == method);
+                let error = cost.and_then(|c| c.error_px);
+                error.map_or("-".into(), |e| format!("{e:.2}"))
+            };
+            table.row([
+                format!("{:.0}", s.height_px),
+                s.agents.to_string(),
+                ms("lod"),
+                ms("flat"),
+                error("flat"),
+                ms("quad"),
+                error("quad"),
+                ms("hybrid"),
+                s.cheapest_allowed.into(),
+                format!("{:.2}", s.hybrid_to_cheapest),
+            ]);
+        }
+        write!(f, "{table}")
+    }
+}
