@@ -74,7 +74,7 @@ struct CharacterInfo
     float influences1_error; // bind-space units that skinning with 1 influence is off by
     float influences2_error;
     float influences3_error;
-    uint padding;
+    float lowest; // bind-space height of its lowest point where it stands
 };
 
 // A clip: bounds of every vertex at every frame, model space, and its frames in the palette.

@@ -62,7 +62,7 @@ CharacterInfo LoadCharacter(uint index)
     character.influences1_error = asfloat(b.x);
     character.influences2_error = asfloat(b.y);
     character.influences3_error = asfloat(b.z);
-    character.padding = b.w;
+    character.lowest = asfloat(b.w);
     return character;
 }
 
@@ -182,7 +182,9 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
     instance.packed = influence_count | (sample_count << 3) | (index << 6);
     instance.sample_entries = frames * character.joint_count;
     instance.sample_weights = weights.xyz;
-    instance.shadow_radius = agent.scale * clip0.shadow_radius;
+    // Whoever floats or flies casts less of it.
+    float height = abs(agent.position.y + agent.scale * character.lowest);
+    instance.shadow_radius = max(agent.scale * clip0.shadow_radius - height, 0.0);
     return instance;
 }
 

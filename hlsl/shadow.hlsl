@@ -29,8 +29,6 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float radius = instance.shadow_radius;
     float distance = length(instance.position - frame.eye);
     float fade = saturate(2.0 - distance / max(radius * FADE_RADII, 1e-6));
-    // Whoever floats or flies casts less of it.
-    fade *= saturate(1.0 - abs(instance.position.y) / max(radius, 1e-6));
     Interpolants o;
     o.offset_strength = float3(corner, fade * STRENGTH);
     float2 offset = instance.position.xz - frame.eye.xz + corner * (fade > 0.0 ? radius : 0.0);

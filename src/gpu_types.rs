@@ -124,7 +124,7 @@ shared_structs! {
         influences1_error: f32,
         influences2_error: f32,
         influences3_error: f32,
-        padding: u32,
+        lowest: f32,
     }
     /// A clip's bounds and frames.
     struct ClipInfo {

@@ -14,6 +14,7 @@ use crate::gpu_types::{
 };
 use crate::impostor;
 use crate::representation::{CostModel, Representations};
+use crate::scene::lowest_point;
 
 /// A contact shadow's radius as a share of the root of its character's box from above.
 const SHADOW_SHARE: f32 = 1.2;
@@ -73,7 +74,7 @@ impl Tables {
             influences1_error: errors.influences[0],
             influences2_error: errors.influences[1],
             influences3_error: errors.influences[2],
-            padding: 0,
+            lowest: lowest_point(baked),
         });
         self.clip_counts.push(baked.clips.len() as u32);
         for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {

@@ -16,7 +16,7 @@ mod check;
 mod crowd;
 mod motion;
 
-pub use crowd::{Crowd, find_clip, standing_height};
+pub use crowd::{Crowd, find_clip, lowest_point, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;
@@ -115,6 +115,10 @@ pub struct SceneCharacter {
     /// Scales the character, after `height`.
     #[serde(default = "one")]
     pub scale: f32,
+    /// Lifts the character so that the lowest point of its idle clip (of its first clip where it has no idle) is on the
+    /// ground, where that is off by more than 3 % of its height: for characters whose origin is not between their feet.
+    #[serde(default)]
+    pub stand: bool,
 }
 
 /// A group of agents that are placed and move alike.
@@ -401,6 +405,7 @@ impl Scene {
                 share: 1.0,
                 height: None,
                 scale: 1.0,
+                stand: true,
             })
             .collect();
         for crowd in &mut self.crowds {

@@ -259,7 +259,9 @@ fn make_instance(
         heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
         sample_weights: [sample_weights[0], sample_weights[1], sample_weights[2]],
-        shadow_radius: agent.scale * clips[0].shadow_radius,
+        shadow_radius: (agent.scale * clips[0].shadow_radius
+            - (agent.position[1] + agent.scale * character.lowest).abs())
+        .max(0.0),
     }
 }
 

@@ -67,6 +67,13 @@ impl Scene {
             .iter()
             .map(|&i| look_up_clips(group, characters[i], &mut crowd.warnings))
             .collect();
+        let lifts: Vec<f32> = cast
+            .iter()
+            .map(|&i| match self.characters[i].stand {
+                true => lift_onto_ground(characters[i]),
+                false => 0.0,
+            })
+            .collect();
         let clip_shares: Vec<f32> = group.clips.iter().map(|c| c.share).collect();
         let places = Places::new(group, seed);
         for i in 0..places.count {
@@ -84,6 +91,7 @@ impl Scene {
             let scale = entry.scale
                 * entry.height.map_or(1.0, |h| h / standing_height(character))
                 * (1.0 + group.size_spread * random.between(-1.0, 1.0));
+            let position = position + Vec3::Y * (scale * lifts[who]);
             let heading = position_heading.unwrap_or(random.between(0.0, TAU));
             let clip = character.clips.get(clip_index);
             let (speed, rate) = match stated {
@@ -219,11 +227,32 @@ pub fn find_clip<'a>(names: impl Iterator<Item = &'a str> + Clone, name: &str) -
 
 /// Height of a character that stands: from its idle clip's box, or the first clip's where it has no idle.
 pub fn standing_height(character: &Baked) -> f32 {
-    let idle = find_clip(character.clips.iter().map(|c| c.name.as_str()), "idle").unwrap_or(0);
-    match character.clips.get(idle) {
+    match standing_clip(character) {
         Some(c) if c.box_max.y > c.box_min.y => c.box_max.y - c.box_min.y,
         _ => 1.0,
     }
+}
+
+/// Height of the lowest point of a character that stands, in bind space: 0 for most people, far below for those whose
+/// origin is their hip.
+pub fn lowest_point(character: &Baked) -> f32 {
+    standing_clip(character).map_or(0.0, |c| c.box_min.y)
+}
+
+/// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where its lowest point is off by
+/// less than 3 % of its height, which is how deep soles and paws sink in a clip.
+fn lift_onto_ground(character: &Baked) -> f32 {
+    let lowest = lowest_point(character);
+    if lowest.abs() > 0.03 * standing_height(character) {
+        -lowest
+    } else {
+        0.0
+    }
+}
+
+fn standing_clip(character: &Baked) -> Option<&BakedClip> {
+    let idle = find_clip(character.clips.iter().map(|c| c.name.as_str()), "idle").unwrap_or(0);
+    character.clips.get(idle)
 }
 
 /// Index that `unit`, from 0 to 1, falls on when each has a stretch as long as its share.

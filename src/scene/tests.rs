@@ -238,6 +238,32 @@ fn other_characters_take_every_part() {
     assert!(scene.populate(&[]).is_empty());
 }
 
+/// A character whose origin is its hip, dropped into a scene, stands on its feet; where a scene names it, as the scene says.
+#[test]
+fn whoever_is_dropped_in_stands_on_the_ground() {
+    let mut scene = parse(SMALL).unwrap();
+    let mut wolf = character("wolf");
+    for clip in &mut wolf.clips {
+        clip.box_min.y -= 0.7;
+        clip.box_max.y -= 0.7;
+    }
+    let heights = |scene: &Scene, who: &Baked| -> Vec<f32> {
+        let states = scene.populate(&[who, who]).agents_at(0.5);
+        states.iter().map(|s| s.position.y / s.scale).collect()
+    };
+    assert_eq!(heights(&scene, &wolf)[0], 0.0);
+    scene.set_characters(&["a/wolf.glb".into()]);
+    let lifted = heights(&scene, &wolf);
+    assert!((lifted[0] - 0.7).abs() < 1e-6);
+    // The scene's own heights count on top: the last stands on a step of half a metre.
+    assert!((lifted[401] - 1.2).abs() < 1e-6, "{}", lifted[401]);
+    // Soles that sink in a little are left alone.
+    for clip in &mut wolf.clips {
+        clip.box_min.y = -0.02;
+    }
+    assert_eq!(heights(&scene, &wolf)[0], 0.0);
+}
+
 #[test]
 fn clips_are_found_by_the_nearest_name() {
     let names = ["Man_Walk_Carry", "Man_Walk", "Man_Idle", "walk", "Walk"];
