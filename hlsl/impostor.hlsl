@@ -16,10 +16,10 @@ struct Interpolants
 {
     float4 position : SV_Position;
     float4 uv_depth : TEXCOORD0; // atlas; clip-space z and w
-    float height : TEXCOORD1; // metres above the agent's ground
+    float2 height_depth : TEXCOORD1; // metres above the agent's ground; plane before the quad's centre, in its extents
     nointerpolation float4 sun_mip : TEXCOORD2; // towards the sun in the picture's axes; mip
     nointerpolation float4 up_haze : TEXCOORD3; // world +Y in the picture's axes; haze's share
-    nointerpolation uint4 depth_fade_seed : TEXCOORD4; // floats z and w of a step from the far to the near end of the depths; pose and fade; seed
+    nointerpolation uint4 depth_fade_seed : TEXCOORD4; // floats z and w of a step from the centre to the near end of the depths; pose and fade; seed
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
@@ -31,12 +31,12 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
     o.uv_depth = float4(placed.uv, o.position.zw);
-    o.height = placed.corner.y - instance.position.y;
+    o.height_depth = float2(placed.corner.y - instance.position.y, placed.depth / placed.depth_extent);
     float3 sun = frame.to_sun;
     o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
     o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
-    float2 step = mul(frame.clip_from_world, float4(placed.towards * (2.0 * placed.depth_extent), 0.0)).zw;
+    float2 step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
     o.depth_fade_seed = uint4(asuint(step.x), asuint(step.y), instance.live_vertex_count, instance.tint_seed);
     return o;
 }
@@ -66,10 +66,10 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
     float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
     uint part = uint(surface.z * 255.0 + 0.5);
     float3 albedo = TintedColor(LinearFromSrgb(color.rgb), i.depth_fade_seed.w, part & 63u, part >> 6);
-    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.height));
+    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.height_depth.x));
     float3 lit = lerp(albedo * light, frame.haze, i.up_haze.w);
 
-    float2 zw = i.uv_depth.zw + asfloat(i.depth_fade_seed.xy) * (surface.w - 0.5);
+    float2 zw = i.uv_depth.zw + asfloat(i.depth_fade_seed.xy) * (surface.w * 2.0 - 1.0 - i.height_depth.y);
     depth = saturate(zw.x / max(zw.y, 1e-6));
     return float4(SRGB_TARGET ? lit : SrgbFromLinear(lit), 1.0);
 }

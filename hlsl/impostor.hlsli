@@ -6,7 +6,7 @@
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
 [[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
-[[vk::binding(6, 1)]] Texture2D<float4> impostor_texture; // quads, views, tiles; 2 texels each
+[[vk::binding(6, 1)]] Texture2D<float4> impostor_texture; // quads and views, 2 texels each; tiles, 3
 [[vk::binding(7, 1)]] TextureCubeArray<float4> cells_texture; // three views; by view set
 [[vk::binding(8, 1)]] SamplerState nearest_sampler;
 
@@ -21,6 +21,7 @@ struct Placed
     float3 towards; // right x up: towards the eye, but for the width of a cell
     float2 uv; // in the atlas
     float depth_extent; // metres
+    float depth; // of the corner before the quad's centre, metres
     float mip;
 };
 
@@ -109,9 +110,10 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     float3 direction = normalize(row0.xyz * eye.x + row1.xyz * eye.y + row2.xyz * eye.z);
 
     uint view = ViewOf(direction, float(packed >> 12), first_view, random);
-    uint tile = character.first_tile_texel + 2u * (first_tile + pose * view_count + view);
+    uint tile = character.first_tile_texel + 3u * (first_tile + pose * view_count + view);
     float4 plane = ImpostorTexel(tile);
     float4 uv = ImpostorTexel(tile + 1u);
+    float4 lean = ImpostorTexel(tile + 2u);
     uint v = character.first_view_texel + 2u * (first_view + view);
     float3 towards = ImpostorTexel(v).xyz;
     float3 right = ImpostorTexel(v + 1u).xyz;
@@ -119,7 +121,8 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
 
     float2 side = float2(corner & 1u, corner >> 1);
     float2 at = lerp(plane.xy, plane.zw, side);
-    float4 p = float4(center + right * at.x + up * at.y, 1.0);
+    float depth = lean.x * at.x + lean.y * at.y + lean.z;
+    float4 p = float4(center + right * at.x + up * at.y + towards * depth, 1.0);
     float3 model = float3(dot(row0, p), dot(row1, p), dot(row2, p));
     float3 axes[3] = { right, up, towards };
     [unroll]
@@ -142,6 +145,7 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.towards = axes[2];
     o.uv = lerp(uv.xy, uv.zw, side);
     o.depth_extent = depth_extent * scale;
+    o.depth = depth * scale;
     // Units of the quad's space in a pixel, over those in a texel.
     float pixel = frame.pixel_angle * length(eye);
     float atlas_texel = (plane.z - plane.x) / max((uv.z - uv.x) * character.atlas_size.x, 1.0);

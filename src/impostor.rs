@@ -37,7 +37,8 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
     }
 }
 
-/// The impostor texture of a character: quads, views of all view sets, tiles; two texels each. A character without impostors
+/// The impostor texture of a character: quads and views of all view sets, two texels each, and
+/// tiles, three. A character without impostors
 /// has one zero.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Texels {
@@ -91,6 +92,8 @@ pub fn texels(impostors: Option<&Impostors>) -> Texels {
         texels.push([tile.min[0], tile.min[1], tile.max[0], tile.max[1]]);
         // The bottom edge is the last row's.
         texels.push([u, v + height, u + width, v]);
+        let [x, y, z] = tile.lean;
+        texels.push([x, y, z, 0.0]);
     }
     Texels {
         texels,

@@ -364,6 +364,7 @@ fn impostors_stand_where_their_twin_puts_them() {
                                     .max(distance(c.towards, g.towards))
                                     .max((c.uv - g.uv).length())
                                     .max((c.depth_extent - g.depth_extent).abs())
+                                    .max((c.depth - g.depth).abs())
                                     .max((c.mip - g.mip).abs() * 0.1)
                             })
                             .collect::<Vec<_>>()

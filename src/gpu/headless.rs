@@ -268,6 +268,7 @@ impl Headless {
                 towards: r[1].truncate(),
                 depth_extent: r[1].w,
                 uv: r[2].truncate().truncate(),
+                depth: r[2].z,
             });
         Ok(corners.collect())
     }

@@ -17,6 +17,8 @@ pub struct Placed {
     pub uv: Vec2,
     /// Half the depth that the picture holds, metres.
     pub depth_extent: f32,
+    /// Of the corner before the quad's centre, metres.
+    pub depth: f32,
     /// Not rounded.
     pub mip: f32,
 }
@@ -65,7 +67,8 @@ pub fn place_quad(
     [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|[x, y]| {
         let at =
             Vec2::from(tile.min) + Vec2::new(x, y) * (Vec2::from(tile.max) - Vec2::from(tile.min));
-        let p = (q.center + right * at.x + up * at.y).extend(1.0);
+        let depth = tile.lean[0] * at.x + tile.lean[1] * at.y + tile.lean[2];
+        let p = (q.center + right * at.x + up * at.y + towards * depth).extend(1.0);
         let texel = Vec2::new(
             tile.texel[0] as f32 + x * tile.size[0] as f32,
             tile.texel[1] as f32 + (1.0 - y) * tile.size[1] as f32,
@@ -75,6 +78,7 @@ pub fn place_quad(
             towards: turn(Vec3::from(rows.map(|r| r.truncate().dot(towards)))).normalize_or_zero(),
             uv: texel / atlas,
             depth_extent: q.depth_extent * scale,
+            depth: depth * scale,
             mip: mip.clamp(0.0, impostors.atlas.mip_count.saturating_sub(1) as f32),
         }
     })

@@ -141,6 +141,7 @@ pub fn baked_mascot_with_impostors() -> Baked {
             max: [0.25, y + 0.01],
             texel: [(i % COLUMNS) as u16 * TILE, (i / COLUMNS) as u16 * TILE],
             size: [TILE, TILE],
+            lean: [0.1, -0.2, 0.05],
         }
     });
     let kind = |kind, first_quad, quad_count| KindInfo {

@@ -5,6 +5,7 @@ use glam::{UVec2, Vec2, Vec3};
 use super::capture::{Capture, CaptureBatch, CaptureView, CapturedView};
 use super::clip_poses;
 use super::groups::Groups;
+use super::lean;
 use super::pack;
 use super::picture::{Picture, padded};
 use super::pose::{self, Skin};
@@ -237,6 +238,7 @@ pub fn build<E>(
         return Err(too_large);
     };
     (out.tiles, out.atlas) = (tiles, atlas);
+    lean::lean_tiles(&mut out, &pictures);
     if out.atlas.size_bytes() > options.memory_limit_bytes {
         return Err(too_large);
     }

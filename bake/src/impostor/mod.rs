@@ -16,6 +16,7 @@ pub mod capture;
 mod clip_poses;
 pub(crate) mod file;
 pub mod groups;
+mod lean;
 mod pack;
 mod picture;
 pub mod pose;
@@ -29,6 +30,8 @@ use serde::{Deserialize, Serialize};
 pub const CUBE_SIZE: u32 = 32;
 /// Texels of a view set's cube map.
 pub const CUBE_TEXELS: usize = (6 * CUBE_SIZE * CUBE_SIZE) as usize;
+/// Greatest slope of [`Tile::lean`]: seen from the edge of a view cell, a tile shows its front still.
+pub const MAX_LEAN: f32 = 1.2;
 /// [`Quad::joint`] of a quad in model space.
 pub const NO_JOINT: u32 = u32::MAX;
 
@@ -131,6 +134,9 @@ pub struct Tile {
     pub texel: [u16; 2],
     /// Columns and rows; multiples of 2 to the power of (mips - 1), as are the first column and row.
     pub size: [u16; 2],
+    /// The plane that it is drawn on, which fits its surface: depth towards the eye per unit along right and along up, and
+    /// at the centre. The slope is at most [`MAX_LEAN`].
+    pub lean: [f32; 3],
 }
 
 /// Pixels of all tiles, two pictures of the same size with mips.

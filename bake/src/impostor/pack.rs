@@ -89,5 +89,6 @@ fn tile(p: &Picture, place: UVec2) -> Tile {
         max: [left + extent.x, top],
         texel: [place.x as u16, place.y as u16],
         size: [p.size.x as u16, p.size.y as u16],
+        lean: [0.0; 3],
     }
 }

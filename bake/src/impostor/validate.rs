@@ -3,7 +3,7 @@
 use super::groups::MAX_GROUPS;
 use super::pack::MAX_ATLAS_SIZE;
 use super::views::MAX_VIEWS;
-use super::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, ViewSet};
+use super::{Atlas, CUBE_TEXELS, Impostors, Kind, MAX_LEAN, NO_JOINT, ViewSet};
 use crate::baked::Baked;
 
 /// Most view sets.
@@ -173,6 +173,9 @@ fn tiles(i: &Impostors) -> Result<(), (String, String)> {
         let finite = t.min.iter().chain(&t.max).all(|x| x.is_finite());
         let whole = (0..2).all(|k| t.min[k] <= t.max[k]) && (t.size[0] == 0) == (t.size[1] == 0);
         check(finite && whole, place, "its rectangle is not valid")?;
+        let [x, y, z] = t.lean;
+        let leans = x.hypot(y) <= 1.001 * MAX_LEAN && z.is_finite();
+        check(leans, place, "its plane is not valid")?;
         let limit = [i.atlas.width, i.atlas.height];
         let inside = (0..2).all(|k| u32::from(t.texel[k]) + u32::from(t.size[k]) <= limit[k]);
         check(inside, place, "it lies outside the atlas")?;
