@@ -1,6 +1,9 @@
-//! Compiles every entry point of hlsl/ to SPIR-V and embeds it. Errors name file and line.
+//! Compiles every entry point of hlsl/ to SPIR-V and embeds it. Errors name file and line. Also makes a key of the code that
+//! baked characters follow from, by which the cache of the command line knows what is out of date.
 
+use std::collections::hash_map::DefaultHasher;
 use std::fmt::Write as _;
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use glslang::include::{IncludeHandler, IncludeResult, IncludeType};
@@ -78,6 +81,7 @@ fn run() -> Result<(), String> {
     let hlsl = root.join("hlsl");
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=hlsl");
+    println!("cargo:rustc-env=THRONG_BAKE_CODE={}", bake_code_key(&root)?);
 
     let mut findings = Vec::new();
     for entry in std::fs::read_dir(&hlsl).map_err(|e| format!("{}: {e}", hlsl.display()))? {
@@ -125,6 +129,41 @@ fn run() -> Result<(), String> {
     .ok();
     let path = out.join("shaders.rs");
     std::fs::write(&path, code).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// What decides how characters come out: the baker and its dependencies, the parameters of the built-in ones, and, because
+/// impostors are pictures that the renderer takes, shaders and renderer. The rest of the command line and scenes do not.
+fn bake_code_key(root: &Path) -> Result<String, String> {
+    const SOURCES: [&str; 5] = ["Cargo.lock", "bake/src", "assets/characters", "hlsl", "src"];
+    const WITHOUT: [&str; 3] = ["src/cli", "src/scene", "src/scene.rs"];
+    const AGAIN: &str = "src/cli/impostors.rs";
+    let mut hasher = DefaultHasher::new();
+    let mut left: Vec<PathBuf> = SOURCES.iter().map(|s| root.join(s)).collect();
+    left.push(root.join(AGAIN));
+    let mut files = Vec::new();
+    while let Some(path) = left.pop() {
+        if WITHOUT.iter().any(|w| path == root.join(w)) {
+            continue;
+        }
+        if path.is_dir() {
+            let entries =
+                std::fs::read_dir(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            for entry in entries {
+                left.push(entry.map_err(|e| e.to_string())?.path());
+            }
+        } else if path.exists() {
+            // Not the folders: a new file is only code once a file that is there names it.
+            println!("cargo:rerun-if-changed={}", path.display());
+            files.push(path);
+        }
+    }
+    files.sort();
+    for path in files {
+        let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let name = path.strip_prefix(root).unwrap_or(&path);
+        (name.to_string_lossy(), bytes).hash(&mut hasher);
+    }
+    Ok(format!("{:016x}", hasher.finish()))
 }
 
 fn read(path: &Path) -> Result<String, String> {

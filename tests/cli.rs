@@ -4,8 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn throng(arguments: &[&str]) -> Output {
+    throng_with_cache(Path::new(env!("CARGO_TARGET_TMPDIR")), arguments)
+}
+
+/// The user's own cache stays as it is.
+fn throng_with_cache(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_throng"))
         .args(arguments)
+        .env("XDG_CACHE_HOME", folder)
         .output()
         .expect("the binary runs")
 }
@@ -485,4 +491,43 @@ fn the_demo_draws_and_says_what_it_cost() {
     assert_eq!(report["agents"], 400);
     assert!(report["draw_calls"].as_u64().unwrap() <= 32);
     assert!(report["triangles"].as_u64().unwrap() > 0);
+}
+
+/// A source file is baked once; what is damaged in the cache is baked again and said, and without the cache it is not touched.
+#[test]
+fn baked_characters_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "kept", 3);
+    let cache = folder.path().join("cache");
+    let files = || -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(cache.join("throng"))
+            .into_iter()
+            .flatten();
+        entries.map(|e| e.unwrap().path()).collect()
+    };
+    let export = |out: &str, more: &[&str]| {
+        let out = folder.path().join(out);
+        let mut arguments = vec!["export", source.to_str().unwrap(), "--fraction", "1", "-o"];
+        arguments.push(out.to_str().unwrap());
+        arguments.extend(more);
+        let output = throng_with_cache(&cache, &arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        (std::fs::read(&out).unwrap(), stderr(&output))
+    };
+    let fresh = export("a.glb", &["--no-cache"]).0;
+    assert_eq!(files(), Vec::<PathBuf>::new());
+    assert_eq!(export("b.glb", &[]).0, fresh);
+    let kept = files();
+    assert_eq!(kept.len(), 1, "{kept:?}");
+    let bytes = std::fs::read(&kept[0]).unwrap();
+    assert_eq!(export("c.glb", &[]), (fresh.clone(), String::new()));
+    std::fs::write(&kept[0], &bytes[..bytes.len() / 2]).unwrap();
+    let (again, said) = export("d.glb", &[]);
+    assert_eq!(again, fresh);
+    assert!(said.contains("baking it again"), "{said}");
+    assert_eq!(std::fs::read(&kept[0]).unwrap(), bytes);
+    // Another character, though only the file beside the source changed, is another file.
+    tetrahedron(folder.path(), "kept", 0);
+    export("e.glb", &[]);
+    assert_eq!(files().len(), 2);
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use serde::Serialize;
 
+use super::cache;
 use super::inspect::Contents;
 use super::measure::{Drawing, MethodName, Report, Studio, WARM_UP_FRAMES};
 use super::output::{Progress, Table, grouped, say, write_json};
@@ -50,6 +51,8 @@ pub struct Arguments {
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "1024x768")]
     pub size: Size,
+    #[command(flatten)]
+    pub cache: cache::Options,
     /// Frames timed of each kind, after two that warm up
     #[arg(long, value_name = "N", default_value_t = 10)]
     pub runs: usize,
@@ -124,7 +127,11 @@ fn run_ramos(arguments: &Arguments) -> Result<()> {
         camera: arguments.camera.as_deref(),
         ..Request::default()
     };
-    let mut shot = Shot::new(&request, &Recipe::default(), &progress)?;
+    let recipe = Recipe {
+        cache: arguments.cache.open(),
+        ..Recipe::default()
+    };
+    let mut shot = Shot::new(&request, &recipe, &progress)?;
     let mut studio = Studio::new(&shot, arguments.device.as_deref(), arguments.size.0, 1)?;
     let bar = progress.bar("Measuring", 4 * arguments.agents.len() as u64);
     let mut steps = Vec::new();

@@ -83,6 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let device = arguments.device.as_deref();
     let recipe = Recipe {
         impostors: Some(Plan::on(device)),
+        cache: arguments.cache.open(),
         ..Recipe::default()
     };
     let baked = source::baked(source, &recipe, &progress)?;

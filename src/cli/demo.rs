@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::cache;
 use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Studio};
 use super::output::{Progress, say, write_json};
@@ -28,6 +29,8 @@ pub struct Arguments {
     /// A part of the device's name, or its index; the best GPU where left out, a CPU driver where there is none
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
+    #[command(flatten)]
+    cache: cache::Options,
     /// Frames timed, after two that warm up
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     runs: usize,
@@ -50,6 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let device = arguments.device.as_deref();
     let recipe = Recipe {
         impostors: Some(Plan::on(device)),
+        cache: arguments.cache.open(),
         ..Recipe::default()
     };
     let shot = Shot::new(&request, &recipe, &progress)?;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, anyhow, bail};
 use throng_bake::{export, glb};
 
+use super::cache;
 use super::output::{Progress, grouped, say, write_file};
 use super::source;
 
@@ -26,6 +27,8 @@ pub struct Arguments {
     /// The .glb file to write
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    #[command(flatten)]
+    cache: cache::Options,
 }
 
 #[derive(clap::Args)]
@@ -64,7 +67,11 @@ impl LevelArguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let level = arguments.level.to_level()?;
     let progress = Progress::default();
-    let baked = source::baked(&arguments.file, &source::Recipe::default(), &progress)?;
+    let recipe = source::Recipe {
+        cache: arguments.cache.open(),
+        ..source::Recipe::default()
+    };
+    let baked = source::baked(&arguments.file, &recipe, &progress)?;
     let exported = export::export(&baked, level);
     let bytes = glb::write_glb(&exported.character)
         .map_err(|e| anyhow!("{}: cannot be written as glTF: {e}", arguments.file))?;

@@ -167,14 +167,30 @@ impl Plan {
         Ok([capture_ms, start.elapsed().as_secs_f64() * 1e3])
     }
 
+    /// What the pictures of a source follow from, besides the character itself: the options, the device that was asked for,
+    /// and the text of the file of groups.
+    pub fn identity(&self, source: &str) -> Result<String> {
+        let groups = match self.groups_file(source) {
+            Some(path) => Some(
+                std::fs::read_to_string(&path).map_err(|e| anyhow!("{}: {e}", path.display()))?,
+            ),
+            None => None,
+        };
+        let (options, device) = (&self.options, &self.device);
+        Ok(format!("{options:?} {device:?} {groups:?}"))
+    }
+
+    /// The file of groups that the command line says, or the one beside the source.
+    fn groups_file(&self, source: &str) -> Option<PathBuf> {
+        let sidecar = Path::new(source).with_extension("groups.toml");
+        self.groups
+            .clone()
+            .or_else(|| sidecar.is_file().then_some(sidecar))
+    }
+
     /// The groups that the command line or a file beside the source says, else those by rule.
     fn groups_of(&self, baked: &Baked, source: &str, progress: &Progress) -> Result<Groups> {
-        let sidecar = Path::new(source).with_extension("groups.toml");
-        let path = match &self.groups {
-            Some(path) => Some(path.as_path()),
-            None => sidecar.is_file().then_some(sidecar.as_path()),
-        };
-        match path {
+        match self.groups_file(source) {
             Some(path) => {
                 if self.groups.is_none() {
                     progress.note(&format!(
@@ -182,7 +198,7 @@ impl Plan {
                         path.display()
                     ));
                 }
-                Ok(Groups::from_sidecar(path, baked)?)
+                Ok(Groups::from_sidecar(&path, baked)?)
             }
             None => Ok(Groups::by_rule(baked)),
         }

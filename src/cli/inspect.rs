@@ -8,6 +8,7 @@ use serde::Serialize;
 use throng_bake::baked::{Baked, CollapseEntry, PaletteEntry, Vertex};
 use throng_bake::impostor::{self, ErrorSample, Kind};
 
+use super::cache;
 use super::impostors::Plan;
 use super::output::{Progress, Table, grouped, say};
 use super::picture::write_rgba;
@@ -32,6 +33,8 @@ pub struct Arguments {
     /// right and up in red and green and depth in blue
     #[arg(long, value_name = "OUT.png")]
     atlas: Option<PathBuf>,
+    #[command(flatten)]
+    cache: cache::Options,
 }
 
 /// Runs the command.
@@ -39,6 +42,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
     let recipe = Recipe {
         impostors: Some(Plan::on(None)),
+        cache: arguments.cache.open(),
         ..Recipe::default()
     };
     let baked = source::baked(&arguments.file, &recipe, &progress)?;

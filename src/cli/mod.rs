@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 mod bake;
 mod bench;
 mod bench_height;
+mod cache;
 mod characters;
 mod demo;
 mod export;

@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use throng::scene::builtin_names;
 
+use super::cache;
 use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Report, Studio};
 use super::output::{Progress, grouped, say, write_json};
@@ -73,6 +74,8 @@ pub struct Arguments {
     /// A part of the device's name, or its index; the best GPU where left out, a CPU driver where there is none
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
+    #[command(flatten)]
+    cache: cache::Options,
     /// Frames timed for the report, after two that warm up
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
@@ -164,6 +167,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let device = arguments.device.as_deref();
     let recipe = Recipe {
         impostors: quality.method.uses_impostors().then(|| Plan::on(device)),
+        cache: arguments.cache.open(),
         ..Recipe::default()
     };
     let shot = Shot::new(&request, &recipe, &progress)?;

@@ -1,6 +1,6 @@
 //! Characters from wherever the command line or a scene says: a built-in one, a baked file, a source file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
@@ -9,6 +9,7 @@ use throng_bake::baked::Baked;
 use throng_bake::character::Character;
 use throng_bake::{file, import, people};
 
+use super::cache::{Cache, Subject};
 use super::impostors::Plan;
 use super::output::Progress;
 
@@ -21,6 +22,8 @@ pub struct Recipe {
     pub options: BakeOptions,
     /// Impostors, where they are wanted.
     pub impostors: Option<Plan>,
+    /// Where baked characters are kept between runs.
+    pub cache: Option<Cache>,
 }
 
 /// A character before baking: a built-in one, or a source file's content.
@@ -37,47 +40,83 @@ pub fn character(source: &str, progress: &Progress) -> Result<Character> {
     import_bytes(path, &bytes, progress)
 }
 
-/// A character ready to draw; a source file or built-in character is baked first.
+/// A character ready to draw; a source file or built-in character is baked first, unless the cache has it.
 pub fn baked(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Baked> {
-    let (mut baked, is_fresh) = with_meshes(source, &recipe.options, progress)?;
-    if let (Some(plan), true) = (&recipe.impostors, is_fresh) {
-        plan.add_to(&mut baked, source, progress)?;
-    }
-    Ok(baked)
+    with_meshes(source, recipe, progress)?.finish(source, recipe, progress)
 }
 
 /// Several, in the order of `sources`: meshes several at a time, impostors, which have a device to themselves, one by one.
 pub fn baked_all(sources: &[String], recipe: &Recipe, progress: &Progress) -> Result<Vec<Baked>> {
-    let meshes: Result<Vec<(Baked, bool)>> = sources
+    let meshes: Result<Vec<Draft>> = sources
         .par_iter()
-        .map(|s| with_meshes(s, &recipe.options, progress))
+        .map(|s| with_meshes(s, recipe, progress))
         .collect();
-    let mut all = Vec::with_capacity(sources.len());
-    for (source, (mut baked, is_fresh)) in sources.iter().zip(meshes?) {
-        if let (Some(plan), true) = (&recipe.impostors, is_fresh) {
-            plan.add_to(&mut baked, source, progress)?;
-        }
-        all.push(baked);
-    }
-    Ok(all)
+    (sources.iter().zip(meshes?))
+        .map(|(source, draft)| draft.finish(source, recipe, progress))
+        .collect()
 }
 
-/// A character without impostors and true, or as its baked file has it and false.
-fn with_meshes(source: &str, options: &BakeOptions, progress: &Progress) -> Result<(Baked, bool)> {
-    let character = match source.strip_prefix(BUILTIN) {
-        Some(name) => builtin(name)?,
+/// A character that may lack its impostors.
+enum Draft {
+    Done(Baked),
+    /// Freshly baked, and where the cache will have it.
+    Meshes(Baked, Option<PathBuf>),
+}
+
+impl Draft {
+    fn finish(self, source: &str, recipe: &Recipe, progress: &Progress) -> Result<Baked> {
+        let (mut baked, place) = match self {
+            Self::Done(baked) => return Ok(baked),
+            Self::Meshes(baked, place) => (baked, place),
+        };
+        if let Some(plan) = &recipe.impostors {
+            plan.add_to(&mut baked, source, progress)?;
+        }
+        // What a machine without Vulkan left out would be missing later.
+        let is_complete = recipe.impostors.is_none() || baked.impostors.is_some();
+        if let (Some(cache), Some(place), true) = (&recipe.cache, place, is_complete) {
+            cache.store(&place, &baked, progress);
+        }
+        Ok(baked)
+    }
+}
+
+fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Draft> {
+    let place = |subject: Subject| -> Result<Option<PathBuf>> {
+        let Some(cache) = &recipe.cache else {
+            return Ok(None);
+        };
+        let impostors = recipe.impostors.as_ref().map(|p| p.identity(source));
+        let identity = format!("{:?} {:?}", recipe.options, impostors.transpose()?);
+        Ok(Some(cache.place(&subject, &identity)))
+    };
+    let cached = |place: &Option<PathBuf>| -> Option<Baked> {
+        let cache = recipe.cache.as_ref()?;
+        cache.load(place.as_ref()?, progress)
+    };
+    let (character, place) = match source.strip_prefix(BUILTIN) {
+        Some(name) => {
+            let place = place(Subject::Builtin(name))?;
+            if let Some(baked) = cached(&place) {
+                return Ok(Draft::Done(baked));
+            }
+            (builtin(name)?, place)
+        }
         None => {
             let (path, bytes) = read(source)?;
             if file::is_baked(&bytes) {
-                return Ok((file::from_bytes(path, &bytes)?, false));
+                return Ok(Draft::Done(file::from_bytes(path, &bytes)?));
             }
-            import_bytes(path, &bytes, progress)?
+            let character = import_bytes(path, &bytes, progress)?;
+            let place = place(Subject::Character(&character))?;
+            if let Some(baked) = cached(&place) {
+                return Ok(Draft::Done(baked));
+            }
+            (character, place)
         }
     };
-    Ok((
-        bake_character(source, &character, options, progress)?.0,
-        true,
-    ))
+    let (baked, _) = bake_character(source, &character, &recipe.options, progress)?;
+    Ok(Draft::Meshes(baked, place))
 }
 
 /// Bakes with a line on stderr that says how far it is. Errors name `source`.
