@@ -6,9 +6,10 @@ use anyhow::{Result, anyhow, bail};
 use plotters::prelude::*;
 use serde::Serialize;
 use throng::gpu::{Headless, HeadlessDesc};
-use throng::representation::Representations;
+use throng::representation::{CostModel, Representations};
 use throng::sheet::{Sheet, SheetDesc};
 use throng::{FrameOptions, Method};
+use throng_bake::impostor::Kind;
 
 use super::bench::Arguments;
 use super::impostors::Plan;
@@ -70,6 +71,17 @@ struct Results {
     runs: usize,
     warm_up_frames: usize,
     steps: Vec<Step>,
+    /// What the measured costs amount to in the terms of the renderer's cost model.
+    cost_model_ns: Fitted,
+}
+
+/// `throng::representation::CostModel`, fitted.
+#[derive(Serialize)]
+struct Fitted {
+    mesh: f64,
+    triangle: f64,
+    quad: f64,
+    quad_pixel: f64,
 }
 
 /// Runs the experiment.
@@ -114,10 +126,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             lod_triangles_per_agent: 0.0,
         };
         for (name, method) in METHODS {
-            let kind = errors
-                .kinds
-                .iter()
-                .find(|k| format!("{:?}", k.kind) == format!("{method:?}"));
+            let kind = errors.kinds.iter().find(|k| kind_name(k.kind) == name);
             let is_impostor = matches!(method, Method::Flat | Method::Quad);
             if is_impostor && kind.is_none() {
                 continue;
@@ -145,6 +154,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         steps.push(step);
     }
     bar.finish_and_clear();
+    let fitted = Fitted::new(&steps, &errors);
     let results = Results {
         experiment: "height",
         device: headless.device_name().into(),
@@ -155,6 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         runs: arguments.runs,
         warm_up_frames: WARM_UP_FRAMES,
         steps,
+        cost_model_ns: fitted,
     };
     say(&results)?;
     if let Some(path) = &arguments.plot {
@@ -236,6 +247,81 @@ impl Step {
     fn ms(&self, method: &str) -> Option<f64> {
         let cost = self.ms_per_1000.iter().find(|c| c.method == method);
         cost.map(|c| c.ms)
+    }
+}
+
+impl Fitted {
+    /// Heights up to which costs count, pixels: where impostors may be allowed.
+    const HEIGHT_MAX_PX: f32 = 64.0;
+
+    fn new(steps: &[Step], representations: &Representations) -> Self {
+        const NS_PER_MS: f64 = 1e6;
+        let zero = CostModel {
+            mesh: 0.0,
+            triangle: 0.0,
+            quad: 0.0,
+            quad_pixel: 0.0,
+        };
+        let quads = CostModel { quad: 1.0, ..zero };
+        let pixels = CostModel {
+            quad_pixel: 1.0,
+            ..zero
+        };
+        let (mut meshes, mut impostors) = (Vec::new(), Vec::new());
+        for step in steps.iter().filter(|s| s.height_px <= Self::HEIGHT_MAX_PX) {
+            let ns = |method| step.ms(method).map(|ms| ms * NS_PER_MS / 1000.0);
+            if let Some(ns) = ns("lod") {
+                meshes.push([1.0, step.lod_triangles_per_agent, ns]);
+            }
+            for kind in &representations.kinds {
+                if let Some(ns) = ns(kind_name(kind.kind)) {
+                    let [quads, pixels] =
+                        [&quads, &pixels].map(|c| kind.cost(c, step.height_px) as f64);
+                    impostors.push([quads, pixels, ns]);
+                }
+            }
+        }
+        let [mesh, triangle] = fit(&meshes);
+        let [quad, quad_pixel] = fit(&impostors);
+        Self {
+            mesh,
+            triangle,
+            quad,
+            quad_pixel,
+        }
+    }
+}
+
+/// The factors, none below 0, for which `a * factors[0] + b * factors[1]` is nearest to `y` for all `[a, b, y]`, by least
+/// squares of relative differences; zeros where nothing was measured.
+fn fit(points: &[[f64; 3]]) -> [f64; 2] {
+    let weighted = points.iter().filter(|p| p[2] > 0.0);
+    let (mut aa, mut ab, mut bb, mut a1, mut b1) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for [a, b, y] in weighted {
+        let (a, b) = (a / y, b / y);
+        aa += a * a;
+        ab += a * b;
+        bb += b * b;
+        a1 += a;
+        b1 += b;
+    }
+    let determinant = aa * bb - ab * ab;
+    let both = [
+        (a1 * bb - b1 * ab) / determinant,
+        (b1 * aa - a1 * ab) / determinant,
+    ];
+    let alone = |sum: f64, square: f64| if square > 0.0 { sum / square } else { 0.0 };
+    match both {
+        [a, b] if a >= 0.0 && b >= 0.0 => both,
+        [a, _] if a < 0.0 => [0.0, alone(b1, bb)],
+        _ => [alone(a1, aa), 0.0],
+    }
+}
+
+fn kind_name(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Flat => "flat",
+        Kind::Quad => "quad",
     }
 }
 
@@ -343,6 +429,45 @@ impl std::fmt::Display for Results {
                 format!("{:.2}", s.hybrid_to_cheapest),
             ]);
         }
-        write!(f, "{table}")
+        let m = &self.cost_model_ns;
+        writeln!(
+            f,
+            "{table}\nFitted up to {} px, ns: mesh {:.0}, triangle {:.1}, quad {:.0}, quad's pixel {:.2}",
+            Fitted::HEIGHT_MAX_PX,
+            m.mesh,
+            m.triangle,
+            m.quad,
+            m.quad_pixel
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_are_found_and_never_below_0() {
+        let exact = [[1.0, 30.0, 160.0], [1.0, 100.0, 510.0], [1.0, 7.0, 45.0]];
+        let [a, b] = fit(&exact);
+        assert!((a - 10.0).abs() < 1e-6 && (b - 5.0).abs() < 1e-6);
+        let falling = [[1.0, 1.0, 4.0], [1.0, 2.0, 2.0]];
+        let [a, b] = fit(&falling);
+        assert!(a > 0.0 && b == 0.0, "{a} {b}");
+        assert_eq!(fit(&[]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn sheets_fill_the_picture_with_no_more_agents_than_they_may() {
+        for height_px in HEIGHTS_PX {
+            let size = [1024, 768];
+            let desc = filled(height_px, size);
+            let count = desc.grid[0] * desc.grid[1];
+            assert!((1..=AGENTS_MAX as u32).contains(&count));
+            for ((n, cell), side) in desc.grid.iter().zip(desc.cell_px).zip(size) {
+                let filled = *n as f32 * cell / side as f32;
+                assert!(filled > 0.45 && filled <= 1.0, "{height_px}: {filled}");
+            }
+        }
     }
 }
