@@ -115,7 +115,7 @@ struct BandInfo
     uint first_index;
     uint index_count;
     uint vertex_count; // live vertices
-    uint padding;
+    uint waiting_vertex_count; // of those, in no triangle yet: coarser levels use them
 };
 
 // A range of projected sizes and the representation that draws it.

@@ -266,7 +266,7 @@ pub struct FrameReport {
     pub instances: u64,
     /// Triangles handed to the rasteriser, before it culls any.
     pub triangles: u64,
-    /// Sum over all instances of their live vertices.
+    /// Sum over all instances of their live vertices, without those that wait for coarser levels to use them.
     pub live_vertices: u64,
     /// Vertex shader runs of the crowd, where the device counts them.
     pub vertex_invocations: Option<u64>,

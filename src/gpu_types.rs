@@ -156,7 +156,7 @@ shared_structs! {
         first_index: u32,
         index_count: u32,
         vertex_count: u32,
-        padding: u32,
+        waiting_vertex_count: u32,
     }
     /// A range of projected sizes.
     struct RangeInfo {

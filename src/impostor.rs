@@ -124,7 +124,7 @@ pub fn windows(baked: &Baked) -> Vec<BandInfo> {
             first_index: baked.indices.len() as u32 + 6 * kind.first_quad,
             index_count: 6 * kind.quad_count,
             vertex_count: 4 * kind.quad_count,
-            padding: 0,
+            waiting_vertex_count: 0,
         })
         .collect()
 }

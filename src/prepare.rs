@@ -123,7 +123,7 @@ impl Tables {
             first_index: b.first_index,
             index_count: b.index_count,
             vertex_count: b.vertex_count,
-            padding: 0,
+            waiting_vertex_count: b.vertex_count - drawn_vertex_count(baked, b),
         }));
         let first_impostor_bin = self.bands.len() as u32;
         self.bands.extend(impostor::windows(baked));
@@ -171,6 +171,18 @@ fn append_levels(
         levels.push(level(errors.partition_point(|&e| e > lod_error) as u32));
     }
     first_key
+}
+
+/// Vertices that a band's triangles use; the others that are alive wait for coarser levels.
+fn drawn_vertex_count(baked: &Baked, band: &Band) -> u32 {
+    let mut used = vec![false; band.vertex_count as usize];
+    let window = &baked.indices[band.first_index as usize..][..band.index_count as usize];
+    for &v in window {
+        if let Some(used) = used.get_mut(v as usize) {
+            *used = true;
+        }
+    }
+    used.into_iter().map(u32::from).sum()
 }
 
 /// A submesh's draw state.

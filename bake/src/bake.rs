@@ -22,8 +22,8 @@ pub struct BakeOptions {
     pub texture_size: u32,
     /// One collapsed window per band, or the paper's single window.
     pub single_window: bool,
-    /// Most bytes per vertex for geometry, skinning, collapse texture and bands: narrower bands are spent as far as it
-    /// allows.
+    /// Most bytes per vertex of the full mesh for geometry, skinning, collapse texture and bands, with the vertices that
+    /// only coarse levels use: narrower bands are spent as far as it allows.
     pub bytes_per_vertex: f32,
 }
 
@@ -73,18 +73,19 @@ pub fn bake(
     };
 
     let from = stage("merge", &mut times);
-    let mesh = merge::merge(character)?;
+    let mut mesh = merge::merge(character)?;
     done(from, &mut times);
     let from = stage("simplify", &mut times);
+    let source_count = mesh.vertex_count();
     let poses = PoseSet::choose(character, &mesh, POSE_COUNT);
     let images: Vec<&Image> = merge::used_images(character)
         .into_iter()
         .map(|i| &character.images[i as usize])
         .collect();
-    let sequence = simplify::simplify(&mesh, &poses, &images);
+    let sequence = simplify::simplify(&mut mesh, &poses, &images);
     done(from, &mut times);
     let from = stage("order", &mut times);
-    let sliding = order_within_budget(&mesh, &sequence, options)?;
+    let sliding = order_within_budget(&mesh, source_count, &sequence, options)?;
     done(from, &mut times);
     let from = stage("palette", &mut times);
     let (palette, clips) = palette::sample_clips(character, &mesh, options.frame_rate_hz)?;
@@ -145,6 +146,7 @@ pub fn bake(
 /// The tightest bands whose bytes fit, or the widest.
 fn order_within_budget(
     mesh: &Mesh,
+    source_count: usize,
     sequence: &crate::mesh::CollapseSequence,
     options: &BakeOptions,
 ) -> Result<SlidingTris, BakeError> {
@@ -163,7 +165,7 @@ fn order_within_budget(
             * (size_of::<Vertex>() + size_of::<crate::baked::CollapseEntry>())
             + ordered.indices.len() * index_bytes
             + size_of_val(&ordered.bands[..]);
-        if bytes as f32 <= options.bytes_per_vertex * ordered.collapse.len() as f32 {
+        if bytes as f32 <= options.bytes_per_vertex * source_count as f32 {
             break;
         }
     }

@@ -143,9 +143,9 @@ fn a_flat_grid_becomes_two_triangles_without_error() {
             p.triangles.push([a, a + n as u32 + 1, a + n as u32]);
         }
     }
-    let mesh = merge(&character(vec![p], vec![Material::default()], 1)).expect("merge");
+    let mut mesh = merge(&character(vec![p], vec![Material::default()], 1)).expect("merge");
     assert_eq!((mesh.vertex_count(), mesh.triangles.len()), (81, 128));
-    let s = simplify(&mesh, &bent(1), &[]);
+    let s = simplify(&mut mesh, &bent(1), &[]);
     check(&mesh, &s);
     let k = steps_for(&mesh, &s, 2);
     assert!(s.steps[k - 1].error_m < 1e-3, "{}", s.steps[k - 1].error_m);
@@ -163,7 +163,7 @@ fn a_flat_grid_becomes_two_triangles_without_error() {
 
 #[test]
 fn a_tube_keeps_its_bend() {
-    let mesh = merge(&character(
+    let mut mesh = merge(&character(
         vec![tube(12, 33, Vec3::ZERO, 0.2, 0)],
         vec![Material::default()],
         2,
@@ -174,7 +174,7 @@ fn a_tube_keeps_its_bend() {
         12 * 33,
         "the seam is not visible without a texture"
     );
-    let s = simplify(&mesh, &bent(2), &[]);
+    let s = simplify(&mut mesh, &bent(2), &[]);
     check(&mesh, &s);
     let k = steps_for(&mesh, &s, 80);
     let triangles = triangles_at(&mesh, &s, k);
@@ -206,7 +206,7 @@ fn submeshes_that_touch_do_not_crack() {
         double_sided: true,
         ..Default::default()
     };
-    let mesh = merge(&character(
+    let mut mesh = merge(&character(
         halves.into(),
         vec![Material::default(), double],
         2,
@@ -214,7 +214,7 @@ fn submeshes_that_touch_do_not_crack() {
     .expect("merge");
     assert_eq!(mesh.submeshes.len(), 2);
     assert_eq!(open_edges(&mesh, &mesh.triangles), 0);
-    let s = simplify(&mesh, &bent(2), &[]);
+    let s = simplify(&mut mesh, &bent(2), &[]);
     check(&mesh, &s);
     for k in 0..s.steps.len() {
         // Steps with the same error happen at once.
@@ -229,13 +229,73 @@ fn submeshes_that_touch_do_not_crack() {
 }
 
 #[test]
+fn a_coarse_tube_is_as_thick_as_the_full_one() {
+    let part = tube(24, 25, Vec3::ZERO, 0.3, 0);
+    let mut mesh = merge(&character(vec![part], vec![Material::default()], 2)).expect("merge");
+    let full = mesh.vertex_count();
+    let s = simplify(&mut mesh, &bent(2), &[]);
+    check(&mesh, &s);
+    assert!(mesh.vertex_count() > full, "vertices for coarse levels");
+    let volume = |triangles: &[[u32; 3]]| -> f32 {
+        let at = |v: u32| mesh.positions[v as usize];
+        let parts = triangles.iter().map(|t| {
+            let [a, b, c] = t.map(at);
+            a.dot(b.cross(c)) / 6.0
+        });
+        parts.sum()
+    };
+    let level = triangles_at(&mesh, &s, steps_for(&mesh, &s, 60));
+    // Of a prism with its corners on the tube, as half-edge collapses leave it, a tenth to a third is missing.
+    let share = volume(&level) / volume(&mesh.triangles);
+    assert!((0.93..1.07).contains(&share), "{share} of the volume");
+    // And nothing stands out of the box of the full mesh.
+    for &v in level.iter().flatten() {
+        let p = mesh.positions[v as usize];
+        let radius = 0.3 + 1e-4;
+        assert!(p.x.abs() <= radius && p.z.abs() <= radius && (-1e-4..=2.0001).contains(&p.y));
+    }
+}
+
+#[test]
+fn coarse_levels_show_body_parts_by_their_area() {
+    // A tube in two colours, split along its middle: no vertex of a coarse level mixes them.
+    let whole = tube(16, 33, Vec3::ZERO, 0.3, 0);
+    let mut halves = [whole.clone(), whole.clone()];
+    halves[1].material = 1;
+    for (i, half) in halves.iter_mut().enumerate() {
+        half.triangles.retain(|t| {
+            let middle: f32 = t.iter().map(|&v| whole.positions[v as usize].y).sum();
+            (middle / 3.0 > 1.0) == (i == 1)
+        });
+    }
+    let colored = |r: f32, b: f32| Material {
+        base_color: [r, 0.0, b, 1.0],
+        ..Default::default()
+    };
+    let materials = vec![colored(1.0, 0.0), colored(0.0, 1.0)];
+    let mut mesh = merge(&character(halves.into(), materials, 2)).expect("merge");
+    assert_eq!(mesh.submeshes.len(), 1);
+    let s = simplify(&mut mesh, &bent(2), &[]);
+    check(&mesh, &s);
+    let level = triangles_at(&mesh, &s, steps_for(&mesh, &s, 60));
+    let mut both = [false; 2];
+    for &v in level.iter().flatten() {
+        let part = mesh.body_parts[v as usize] as usize;
+        both[part] = true;
+        let pure = [[255, 0, 0, 255], [0, 0, 255, 255]][part];
+        assert_eq!(mesh.colors[v as usize], pure);
+    }
+    assert_eq!(both, [true; 2]);
+}
+
+#[test]
 fn pieces_vanish_smallest_first() {
     let parts = vec![
         tube(12, 9, Vec3::ZERO, 0.4, 0),
         tube(12, 9, Vec3::X * 3.0, 0.02, 0),
     ];
-    let mesh = merge(&character(parts, vec![Material::default()], 2)).expect("merge");
-    let s = simplify(&mesh, &bent(2), &[]);
+    let mut mesh = merge(&character(parts, vec![Material::default()], 2)).expect("merge");
+    let s = simplify(&mut mesh, &bent(2), &[]);
     check(&mesh, &s);
     let left = triangles_at(&mesh, &s, steps_for(&mesh, &s, 12));
     assert!(left.len() >= 8);
@@ -254,8 +314,8 @@ fn same_input_same_sequence() {
     ];
     let c = character(parts, vec![Material::default()], 4);
     let run = || {
-        let mesh = merge(&c).expect("merge");
-        simplify(&mesh, &bent(4), &[]).steps
+        let mut mesh = merge(&c).expect("merge");
+        simplify(&mut mesh, &bent(4), &[]).steps
     };
     assert_eq!(run(), run());
 }
@@ -294,7 +354,7 @@ fn colours_and_textures_merge_and_states_do_not() {
     let mut c = character(parts, vec![Material::default(); 3], 2);
     c.materials = materials;
     c.images = vec![image(255), image(255), image(0)];
-    let mesh = merge(&c).expect("merge");
+    let mut mesh = merge(&c).expect("merge");
     assert_eq!(used_images(&c), [1, 2]);
     let states: Vec<_> = mesh.submeshes.iter().map(|s| s.alpha_cutoff).collect();
     assert_eq!(
@@ -317,7 +377,8 @@ fn colours_and_textures_merge_and_states_do_not() {
         (18, 21),
         "only a texture needs its seam"
     );
-    check(&mesh, &simplify(&mesh, &bent(2), &[]));
+    let s = simplify(&mut mesh, &bent(2), &[]);
+    check(&mesh, &s);
 }
 
 #[test]
@@ -383,13 +444,13 @@ fn real_characters_reach_few_triangles_and_pay_for_positions_not_for_seams() {
     for name in ["glb/kaykit_rogue.glb", "glb/ped_man_worker.glb"] {
         let Some(path) = model(name) else { continue };
         let c = throng_bake::import::import(&path).expect("import");
-        let mesh = merge(&c).expect("merge");
+        let mut mesh = merge(&c).expect("merge");
         let images: Vec<&Image> = used_images(&c)
             .into_iter()
             .map(|i| &c.images[i as usize])
             .collect();
         let poses = PoseSet::choose(&c, &mesh, PoseSet::DEFAULT_COUNT);
-        let s = simplify(&mesh, &poses, &images);
+        let s = simplify(&mut mesh, &poses, &images);
         check(&mesh, &s);
         for share in [0.06, 0.02] {
             let count = (mesh.triangles.len() as f64 * share) as usize;
@@ -431,8 +492,9 @@ fn every_built_in_character_gives_a_sequence_that_keeps_its_rules() {
     // Real surfaces lose wedges and edges in ways that small meshes do not: a twin of a dead wedge once came out.
     for name in throng_bake::people::names() {
         let c = throng_bake::people::build(name).expect("built in");
-        let mesh = merge(&c).expect("merge");
-        let s = simplify(&mesh, &PoseSet::choose(&c, &mesh, 4), &[]);
+        let mut mesh = merge(&c).expect("merge");
+        let poses = PoseSet::choose(&c, &mesh, 4);
+        let s = simplify(&mut mesh, &poses, &[]);
         check(&mesh, &s);
     }
 }

@@ -56,6 +56,12 @@ impl Renderer {
             .zip(&self.tables.bands)
             .map(|(&count, band)| count as u64 * (band.index_count / 3) as u64)
             .sum();
+        // Waiting vertices are counted at the bands' levels, where there are the most of them: never too few.
+        let waiting: u64 = counts
+            .iter()
+            .zip(&self.tables.bands)
+            .map(|(&count, band)| count as u64 * band.waiting_vertex_count as u64)
+            .sum();
         let agents = slot.agents.len() as u64;
         Ok(FrameReport {
             device: self.device_name().into(),
@@ -66,7 +72,7 @@ impl Renderer {
             draw_calls: recorded.draw_calls,
             instances: counts.iter().map(|&c| c as u64).sum(),
             triangles,
-            live_vertices,
+            live_vertices: live_vertices.saturating_sub(waiting),
             vertex_invocations: self.vertex_invocations(slot),
             frame_ms: None,
             stage_ms: self.stage_times(slot, recorded.upload_ms),

@@ -70,5 +70,6 @@ pub(super) fn wedge_moves(
 pub(super) fn difference(surface: &Surface, looks: &Looks, a: u32, b: u32) -> f32 {
     let uvs = &surface.mesh.uvs;
     let jump = uvs[a as usize].distance_squared(uvs[b as usize]).min(1.0);
-    looks.of(a).contrast_squared(&looks.of(b)) + JUMP_CONTRAST_SQUARED * jump
+    let of = |w| looks.of(&surface.mesh, w);
+    of(a).contrast_squared(&of(b)) + JUMP_CONTRAST_SQUARED * jump
 }

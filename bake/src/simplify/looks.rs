@@ -10,15 +10,19 @@ use crate::mesh::Mesh;
 const TEXELS: usize = 128;
 /// Contrast of a normal turned by a radian against black and white.
 const NORMAL_CONTRAST: f32 = 0.1;
+/// Contrast of one body part against another of the same colour: an agent's tint may dye them apart.
+const PART_CONTRAST: f32 = 0.2;
 /// Contrast of a surface that shows another texture than it should.
 const LAYER_CONTRAST: f32 = 0.3;
 
 /// Colour in gamma space and coverage, 0 to 1, and the unit normal in bind space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Look {
-    color: Vec4,
-    normal: Vec3,
+    pub color: Vec4,
+    pub normal: Vec3,
     layer: u8,
+    /// Body parts that it is interpolated from, with their shares.
+    parts: [(u8, f32); 3],
 }
 
 impl Look {
@@ -33,29 +37,40 @@ impl Look {
         } else {
             LAYER_CONTRAST * LAYER_CONTRAST
         };
-        color + normal + layer
+        let part = PART_CONTRAST * PART_CONTRAST * self.parts_apart(other);
+        color + normal + layer + part
+    }
+
+    /// Half the squared distance of both looks' shares of body parts: 0 for the same, 1 for different ones.
+    fn parts_apart(&self, other: &Self) -> f32 {
+        let product = |a: &[(u8, f32); 3], b: &[(u8, f32); 3]| -> f32 {
+            let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+            pairs
+                .filter(|(a, b)| a.0 == b.0)
+                .map(|(a, b)| a.1 * b.1)
+                .sum()
+        };
+        let (a, b) = (&self.parts, &other.parts);
+        0.5 * (product(a, a) + product(b, b)) - product(a, b)
     }
 }
 
-/// Looks of a mesh's faces.
-pub(super) struct Looks<'a> {
-    mesh: &'a Mesh,
+/// The textures of a mesh, from which its faces have their looks.
+pub(super) struct Looks {
     /// `[layer][TEXELS * TEXELS]`, gamma space.
     layers: Vec<Vec<Vec4>>,
 }
 
-impl<'a> Looks<'a> {
+impl Looks {
     /// `images` are the layers of the mesh; where one is missing its texture counts as white.
-    pub fn new(mesh: &'a Mesh, images: &[&Image]) -> Self {
+    pub fn new(images: &[&Image]) -> Self {
         Self {
-            mesh,
             layers: images.iter().map(|i| shrink(i)).collect(),
         }
     }
 
     /// The look at a place of the triangle of three wedges.
-    pub fn at(&self, wedges: [u32; 3], barycentric: [f32; 3]) -> Look {
-        let m = self.mesh;
+    pub fn at(&self, m: &Mesh, wedges: [u32; 3], barycentric: [f32; 3]) -> Look {
         let mut color = Vec4::ZERO;
         let mut normal = Vec3::ZERO;
         let mut uv = Vec2::ZERO;
@@ -79,6 +94,7 @@ impl<'a> Looks<'a> {
         }
         let mixed = wedges.iter().any(|&w| m.layers[w as usize] != layer);
         Look {
+            parts: [0, 1, 2].map(|i| (m.body_parts[wedges[i] as usize], barycentric[i])),
             color,
             normal: normal.normalize_or_zero(),
             layer: if mixed { Mesh::UNTEXTURED - 1 } else { layer },
@@ -86,8 +102,8 @@ impl<'a> Looks<'a> {
     }
 
     /// The look of a wedge.
-    pub fn of(&self, wedge: u32) -> Look {
-        self.at([wedge; 3], [1.0, 0.0, 0.0])
+    pub fn of(&self, mesh: &Mesh, wedge: u32) -> Look {
+        self.at(mesh, [wedge; 3], [1.0, 0.0, 0.0])
     }
 }
 

@@ -3,7 +3,8 @@
 //! A *point* is a position with its skinning; its *wedges* are the vertices there (Hoppe 1998). A collapse moves a point
 //! with all its wedges onto another, so that submeshes never crack against each other; a wedge may also move onto its
 //! twin at the same point, which gives up a seam; and points of different pieces may contract across small gaps, so that
-//! every character has levels down to a few triangles.
+//! every character has levels down to a few triangles. Among few points, the one that stays is then fitted to what it
+//! stands for.
 
 mod attributes;
 mod extract;
@@ -12,6 +13,7 @@ mod links;
 mod looks;
 mod poses;
 mod quadric;
+mod refit;
 mod samples;
 mod surface;
 mod visibility;
@@ -56,19 +58,22 @@ const FLIP_COSINE: f32 = 0.25;
 /// The whole sequence of half-edge collapses of `mesh`, errors measured in `poses`. `images` are the texture's layers, which
 /// say what a shift of texture coordinates looks like; a layer without an image counts as white.
 ///
+/// `mesh` gains the vertices that coarse levels use in place of the full mesh's own; its triangles stay as they are.
+///
 /// Guarantees: deterministic; every vertex but one root per submesh is a source exactly once, and its target is of the same
 /// submesh and alive; `error_m` never falls; the steps of one point stand together and have the same error.
-pub fn simplify(mesh: &Mesh, poses: &PoseSet, images: &[&Image]) -> CollapseSequence {
+pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> CollapseSequence {
     let mut surface = Surface::new(mesh, poses);
     links::link_pieces(&mut surface);
     let quadrics = Quadrics::new(&surface);
-    let samples = Samples::new(&surface, Looks::new(mesh, images));
+    let samples = Samples::new(&surface, Looks::new(images));
     let point_count = surface.faces_of.len();
     let mut simplifier = Simplifier {
         stamps: vec![0; point_count],
         heap: BinaryHeap::new(),
         collapses: vec![None; point_count],
         cursor: vec![0; mesh.submeshes.len()],
+        living_points: point_count,
         surface,
         quadrics,
         samples,
@@ -97,7 +102,7 @@ pub fn simplify(mesh: &Mesh, poses: &PoseSet, images: &[&Image]) -> CollapseSequ
             _ => simplifier.perform(best),
         }
     }
-    simplifier.finish()
+    simplifier.finish(mesh)
 }
 
 /// What can be done to a point.
@@ -149,7 +154,7 @@ impl PartialOrd for Proposal {
 struct Simplifier<'a> {
     surface: Surface<'a>,
     quadrics: Quadrics,
-    samples: Samples<'a>,
+    samples: Samples,
     /// Per point: its proposal is from before a change next to it, and is looked at again before it is carried out.
     dirty: Vec<bool>,
     /// Per point: what looks were worth at that time.
@@ -161,6 +166,8 @@ struct Simplifier<'a> {
     stamps: Vec<u32>,
     /// Per submesh: no face before this one is alive and of the submesh.
     cursor: Vec<usize>,
+    /// Points that have not collapsed.
+    living_points: usize,
     /// Greatest error so far.
     error: f32,
     moves: Vec<WedgeMove>,
@@ -240,7 +247,10 @@ impl<'a> Simplifier<'a> {
         let contrast: f32 = self
             .moves
             .iter()
-            .filter_map(|m| Some(looks.of(m.from).contrast_squared(&looks.of(m.to?))))
+            .filter_map(|m| {
+                let of = |w| looks.of(&surface.mesh, w);
+                Some(of(m.from).contrast_squared(&of(m.to?)))
+            })
             .sum();
         let faces = surface.faces_of[point as usize].iter();
         let area: f32 = faces.map(|&f| surface.areas[f as usize]).sum();
@@ -325,9 +335,16 @@ impl<'a> Simplifier<'a> {
                 self.samples
                     .try_twin(&self.surface, proposal.point, from, to);
                 self.samples.commit_twin(&self.surface);
-                self.raise_error();
                 self.retarget(proposal.point, from, to);
-                self.step(from, to);
+                let refitted = self.refit_look(proposal.point, to);
+                self.raise_error();
+                match refitted[..] {
+                    [(_, new)] => {
+                        self.step(from, new);
+                        self.step(to, new);
+                    }
+                    _ => self.step(from, to),
+                }
                 self.enqueue(proposal.point);
             }
             Action::Collapse { target } => self.collapse(proposal.point, target),
@@ -360,7 +377,6 @@ impl<'a> Simplifier<'a> {
         self.samples
             .try_collapse(&self.surface, point, target, &moves);
         self.samples.commit_collapse(&self.surface, point);
-        self.raise_error();
         for m in &moves {
             if let Some(to) = m.to {
                 self.retarget(point, m.from, to);
@@ -398,10 +414,18 @@ impl<'a> Simplifier<'a> {
             }
         }
         self.quadrics.add(target, point);
-        for m in &moves {
+        self.living_points -= 1;
+        let refitted = self.refit(target);
+        self.raise_error();
+        for m in &mut moves {
+            let new = refitted.iter().find(|r| Some(r.0) == m.to);
+            m.to = new.map(|r| r.1).or(m.to);
             if let Some(to) = m.to.or_else(|| self.any_wedge(target, m.from)) {
                 self.step(m.from, to);
             }
+        }
+        for (old, new) in refitted {
+            self.step(old, new);
         }
         self.moves = moves;
         self.surface.wedges_of[point as usize].clear();
@@ -492,7 +516,7 @@ impl<'a> Simplifier<'a> {
     }
 
     /// Ends the sequence: what is still alive in a submesh dies onto its root.
-    fn finish(mut self) -> CollapseSequence {
+    fn finish(mut self, mesh: &mut Mesh) -> CollapseSequence {
         let vertex_count = self.surface.mesh.vertex_count();
         let mut dead = vec![false; vertex_count];
         for step in &self.surface.sequence.steps {
@@ -509,6 +533,7 @@ impl<'a> Simplifier<'a> {
                 Some(root) => self.step(v, root),
             }
         }
+        *mesh = self.surface.mesh;
         self.surface.sequence
     }
 }

@@ -5,6 +5,8 @@
 //! nearest of the faces that take their place, so that its cost is the change of the summed squared distance over all poses:
 //! what quadrics estimate, measured.
 
+mod refit;
+
 use super::attributes::WedgeMove;
 use super::lanes::{LANES, TriangleLanes, Vec3Lanes, read};
 use super::looks::{Look, Looks};
@@ -25,8 +27,8 @@ const LOOKS_LEAST: f64 = 2e-4;
 /// Weight of faces that stand out over the full surface, against samples that the surface is off from.
 const OVERHANG_WEIGHT: f64 = 4.0;
 
-pub(super) struct Samples<'a> {
-    looks: Looks<'a>,
+pub(super) struct Samples {
+    looks: Looks,
     pose_count: usize,
     /// `[sample][3][pose_count]`.
     posed: Vec<f32>,
@@ -34,6 +36,8 @@ pub(super) struct Samples<'a> {
     weights: Vec<[f32; 2]>,
     /// What the full surface looks like there; none where several wedges meet.
     look: Vec<Option<Look>>,
+    /// Body part of the full surface there.
+    part: Vec<u8>,
     /// Of the surface as it is: squared distance, squared contrast.
     deviations: Vec<[f32; 2]>,
     /// Samples that each face stands for.
@@ -79,9 +83,9 @@ struct TrialFace {
     wedges: [u32; 3],
 }
 
-impl<'a> Samples<'a> {
+impl Samples {
     /// A sample at every point and at the centroid of every face.
-    pub fn new(surface: &Surface, looks: Looks<'a>) -> Self {
+    pub fn new(surface: &Surface, looks: Looks) -> Self {
         let n = surface.pose_count;
         let points = surface.faces_of.len();
         let mut s = Self {
@@ -89,6 +93,7 @@ impl<'a> Samples<'a> {
             posed: Vec::with_capacity((points + surface.faces.len()) * 3 * n),
             weights: vec![[0.0; 2]; points],
             look: Vec::with_capacity(points + surface.faces.len()),
+            part: Vec::with_capacity(points + surface.faces.len()),
             deviations: vec![[0.0; 2]; points + surface.faces.len()],
             of_face: Vec::with_capacity(surface.faces.len()),
             overhangs: vec![0.0; surface.faces.len()],
@@ -103,8 +108,10 @@ impl<'a> Samples<'a> {
             for axis in surface.at(p) {
                 s.posed.extend_from_slice(axis);
             }
+            let first = surface.wedges_of[p as usize][0];
+            s.part.push(surface.mesh.body_parts[first as usize]);
             s.look.push(match surface.wedges_of[p as usize][..] {
-                [wedge] => Some(s.looks.of(wedge)),
+                [wedge] => Some(s.looks.of(&surface.mesh, wedge)),
                 _ => None,
             });
         }
@@ -126,14 +133,17 @@ impl<'a> Samples<'a> {
                 }
             }
             s.weights.push(weight.map(|w| w * CENTROID_SHARE));
-            s.look.push(Some(s.looks.at(face.wedges, [1.0 / 3.0; 3])));
+            s.look
+                .push(Some(s.looks.at(&surface.mesh, face.wedges, [1.0 / 3.0; 3])));
+            s.part
+                .push(surface.mesh.body_parts[face.wedges[0] as usize]);
             s.of_face.push(vec![(points + i) as u32]);
         }
         s.area = s.weights.iter().map(|w| w[0] as f64).sum();
         s
     }
 
-    pub fn looks(&self) -> &Looks<'a> {
+    pub fn looks(&self) -> &Looks {
         &self.looks
     }
 
@@ -247,7 +257,9 @@ impl<'a> Samples<'a> {
         let n = self.pose_count;
         let at = [0, 1, 2].map(|axis| self.posed[(sample * 3 + axis) * n]);
         let corners = face.points.map(|p| surface.at(p).map(|x| x[0]));
-        let there = self.looks.at(face.wedges, nearest_barycentric(at, corners));
+        let there = self
+            .looks
+            .at(&surface.mesh, face.wedges, nearest_barycentric(at, corners));
         look.contrast_squared(&there)
     }
 
@@ -344,7 +356,7 @@ impl<'a> Samples<'a> {
 
     /// Root mean square deviation of the surface as it is, distances and looks.
     pub fn deviation(&self) -> f64 {
-        let sum = self.total[0] + 1.0f64 * self.look_weight * self.total[1];
+        let sum = self.total[0] + self.look_weight * self.total[1];
         (sum.max(0.0) / self.area.max(f64::MIN_POSITIVE)).sqrt()
     }
 

@@ -2,11 +2,13 @@
 
 use std::collections::HashMap;
 
+use glam::{Mat3, Vec3};
+
 use crate::mesh::{CollapseSequence, Mesh};
 use crate::pose;
 
 use super::lanes::LANES;
-use super::poses::PoseSet;
+use super::poses::{Pose, PoseSet};
 
 /// A triangle: its wedges and, the same corners, their points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,7 +32,13 @@ impl Face {
 
 /// Points and their neighbourhoods. Lengths are in shares of the character's size, so that constants hold for any unit.
 pub(super) struct Surface<'a> {
-    pub mesh: &'a Mesh,
+    /// The full mesh, and behind its vertices those that refits have made.
+    pub mesh: Mesh,
+    poses: &'a [Pose],
+    /// Box of the full mesh in each pose: low and high corner.
+    pub boxes: Vec<[[f32; 3]; 2]>,
+    /// Length in this surface's unit of one in the poses.
+    scale: f32,
     /// Poses, a multiple of [`LANES`]; the last ones may be there to fill up, with a weight of 0.
     pub pose_count: usize,
     /// Sums to 1 over `[pose_count]`.
@@ -52,7 +60,7 @@ pub(super) struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    pub fn new(mesh: &'a Mesh, poses: &PoseSet) -> Self {
+    pub fn new(mesh: &Mesh, poses: &'a PoseSet) -> Self {
         let (point_of_wedge, wedges_of) = points(mesh);
         let pose_count = poses.poses.len().next_multiple_of(LANES);
         let mut pose_weights: Vec<f32> = poses.poses.iter().map(|p| p.weight).collect();
@@ -85,7 +93,10 @@ impl<'a> Surface<'a> {
             }
         }
         let mut surface = Self {
-            mesh,
+            mesh: mesh.clone(),
+            poses: &poses.poses,
+            boxes: Vec::new(),
+            scale: 1.0,
             pose_count,
             pose_weights,
             posed,
@@ -105,7 +116,7 @@ impl<'a> Surface<'a> {
     /// Makes the bounding diagonal, mean over the poses, 1, and measures the faces.
     fn scale_to_unit_size(&mut self) {
         let n = self.pose_count;
-        let bind_area = bind_area_of(self.mesh);
+        let bind_area = bind_area_of(&self.mesh);
         let mut diagonal = 0.0;
         for k in 0..n {
             let squared: f32 = (0..3)
@@ -134,6 +145,17 @@ impl<'a> Surface<'a> {
                 }
             }
         }
+        self.scale = scale;
+        self.boxes = vec![[[f32::MAX; 3], [f32::MIN; 3]]; n];
+        for p in self.posed.chunks_exact(3 * n) {
+            for axis in 0..3 {
+                for k in 0..n {
+                    let [low, high] = &mut self.boxes[k];
+                    low[axis] = low[axis].min(p[axis * n + k]);
+                    high[axis] = high[axis].max(p[axis * n + k]);
+                }
+            }
+        }
         self.areas = (self.faces.iter())
             .map(|f| self.face_area(f.points))
             .collect();
@@ -156,6 +178,69 @@ impl<'a> Surface<'a> {
     /// The same as one slice, `[3][pose_count]`.
     pub fn posed_of(&self, point: u32) -> &[f32] {
         &self.posed[point as usize * 3 * self.pose_count..][..3 * self.pose_count]
+    }
+
+    /// How far a vertex with the skinning of `point` moves in each pose for a step of one in bind space.
+    pub fn steps_of(&self, point: u32) -> Vec<Mat3> {
+        let w = self.wedges_of[point as usize][0] as usize;
+        let m = &self.mesh;
+        (0..self.pose_count)
+            .map(|k| {
+                let palette = &self.poses[k.min(self.poses.len() - 1)].palette;
+                let of = |i: usize| {
+                    let joint = &palette[m.joints[w][i] as usize];
+                    Mat3::from(joint.matrix3) * (m.weights[w][i] * self.scale)
+                };
+                of(0) + of(1) + of(2) + of(3)
+            })
+            .collect()
+    }
+
+    /// Puts `point` `offset` away, in bind space, from `start` (`[3][pose_count]`); `steps` as [`Surface::steps_of`] has
+    /// them. Whether it is within the box of the full mesh in every pose.
+    pub fn place(&mut self, point: u32, start: &[f32], steps: &[Mat3], offset: Vec3) -> bool {
+        let n = self.pose_count;
+        let mut inside = true;
+        let out = &mut self.posed[point as usize * 3 * n..][..3 * n];
+        for (k, (step, [low, high])) in steps.iter().zip(&self.boxes).enumerate() {
+            let shift = *step * offset;
+            for axis in 0..3 {
+                let x = start[axis * n + k] + shift[axis];
+                inside &= x >= low[axis] && x <= high[axis];
+                out[axis * n + k] = x;
+            }
+        }
+        inside
+    }
+
+    /// A new vertex at the point of `wedge` and like it.
+    pub fn add_wedge(&mut self, wedge: u32) -> u32 {
+        let m = &mut self.mesh;
+        let i = wedge as usize;
+        m.positions.push(m.positions[i]);
+        m.normals.push(m.normals[i]);
+        m.uvs.push(m.uvs[i]);
+        m.colors.push(m.colors[i]);
+        m.layers.push(m.layers[i]);
+        m.body_parts.push(m.body_parts[i]);
+        m.joints.push(m.joints[i]);
+        m.weights.push(m.weights[i]);
+        m.submesh.push(m.submesh[i]);
+        self.point_of_wedge.push(self.point_of_wedge[i]);
+        self.point_of_wedge.len() as u32 - 1
+    }
+
+    /// Lets `new` take the place of wedge `old` of `point`.
+    pub fn replace_wedge(&mut self, point: u32, old: u32, new: u32) {
+        let replace = |w: &mut u32| {
+            if *w == old {
+                *w = new;
+            }
+        };
+        for &f in &self.faces_of[point as usize] {
+            self.faces[f as usize].wedges.iter_mut().for_each(replace);
+        }
+        self.wedges_of[point as usize].iter_mut().for_each(replace);
     }
 
     /// Twice the area vector of the triangle of three points in pose `k`.
