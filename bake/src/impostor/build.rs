@@ -1,29 +1,23 @@
 //! Builds all impostors of a character from pictures that a renderer takes.
 
-use glam::{UVec2, Vec2, Vec3};
-
-use super::capture::{Capture, CaptureBatch, CaptureView, CapturedView};
-use super::clip_poses;
+use super::capture::Capture;
 use super::groups::Groups;
-use super::lean;
-use super::pack;
-use super::picture::{Picture, padded};
-use super::pose::{self, Skin};
-use super::{Impostors, Kind, KindInfo, NO_JOINT, PoseRange, Quad, ViewSet};
-use crate::baked::{Baked, PaletteEntry};
+use super::picture::Picture;
+use super::plan::{Plan, height, plan_flat, plan_quad};
+use super::pose::Skin;
+use super::{Impostors, Kind, KindInfo, Quad, lean, pack, take};
+use crate::baked::Baked;
 
-/// Bytes of pictures that one batch asks for at most.
-const BATCH_BYTES: u64 = 64 << 20;
-/// Bytes of a pixel of a capture or of a texel of the atlas.
+/// Bytes of a texel of the atlas.
 const TEXEL_BYTES: u64 = 8;
-/// What a batch's poses may take besides: joints times poses.
-const BATCH_ENTRIES: usize = 1 << 17;
 /// Share of the memory limit that is planned for: packing wastes some.
 const PLANNED_SHARE: f64 = 0.94;
+/// Share of the time that `Flat` takes of both, for progress.
+const FLAT_TIME: f32 = 0.75;
+/// Coarser texels than this are not tried.
+const COARSEST: f32 = 16.0;
 /// Share of the memory that `Flat` may take where `Quad` is captured, too.
 const FLAT_SHARE: f64 = 0.4;
-/// Surface with at least this weight belongs to a group's pictures, half less an overlap that closes bent joints.
-const LEAST_WEIGHT: f32 = 0.35;
 
 /// What a build of impostors may be told.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,12 +72,12 @@ impl Default for ImpostorOptions {
 
 impl ImpostorOptions {
     /// Empty texels on each side of a tile: two tiles' contents are a texel apart in the coarsest mip.
-    fn margin(&self) -> u32 {
+    pub(super) fn margin(&self) -> u32 {
         ((1 << (self.mip_count - 1)) / 2).max(1)
     }
 
     /// Tiles' places and sizes are multiples of this.
-    fn multiple(&self) -> u32 {
+    pub(super) fn multiple(&self) -> u32 {
         1 << (self.mip_count - 1)
     }
 
@@ -169,7 +163,8 @@ pub struct Built {
     pub warnings: Vec<String>,
 }
 
-/// Builds the impostors of `baked`, which is valid. `progress` hears the share of pictures taken, rising to 1. The same
+/// Builds the impostors of `baked`, which is valid. `progress` hears the share of the work done, up to 1; it
+/// falls back where pictures turn out too large and are taken again. The same
 /// character, options and pictures give the same bytes.
 ///
 /// Errors: [`BuildError::Capture`] with what `capture` says; the others are for options and faults of the renderer.
@@ -183,54 +178,48 @@ pub fn build<E>(
     options.check().map_err(BuildError::Options)?;
     let mut out = Impostors::default();
     let mut warnings = Vec::new();
+    let mut pictures = Vec::new();
     let skins = Skin::of(baked);
     let has = |kind| options.kinds.contains(&kind);
     let texel_limit = options.memory_limit_bytes as f64 / options.bytes_per_texel() * PLANNED_SHARE;
     let height = height(baked, &skins);
-    let mut shots = Vec::new();
-    let mut tile_count = 0u32;
-    let mut flat_texels = 0;
+    let flat_time = if has(Kind::Quad) { FLAT_TIME } else { 1.0 };
     if has(Kind::Flat) {
         let limit = texel_limit * if has(Kind::Quad) { FLAT_SHARE } else { 1.0 };
-        let first_quad = out.quads.len() as u32;
-        flat_texels = plan_flat(
-            baked,
-            groups,
-            options,
-            height,
-            limit,
-            &mut out,
-            &mut shots,
-            &mut warnings,
-        );
-        push_kind(&mut out, Kind::Flat, first_quad);
-        tile_count = shots.len() as u32;
+        let mut coarser = 1.0;
+        let plan = loop {
+            let plan = plan_flat(baked, groups, options, height, coarser);
+            if plan.expected_texels as f64 > limit && coarser < COARSEST {
+                coarser *= 1.05;
+                continue;
+            }
+            let mut heard = |share: f32| progress(share * flat_time);
+            pictures = take::take(baked, groups, options, &plan, capture, &mut heard)?;
+            let texels = tile_texels(&pictures) as f64;
+            if texels <= limit || coarser >= COARSEST {
+                break plan;
+            }
+            coarser *= ((texels / limit).sqrt() as f32).max(1.05);
+        };
+        if coarser > 1.0 {
+            warnings.push(format!(
+                "flat impostors have {:.0} texels along the height, not {:.0}: more would exceed the memory limit",
+                options.texels_per_height / coarser,
+                options.texels_per_height
+            ));
+        }
+        out.push(Kind::Flat, plan, 0);
     }
     if has(Kind::Quad) {
-        let first_quad = out.quads.len() as u32;
-        let limit = (texel_limit as u64).saturating_sub(flat_texels);
-        plan_quad(
-            baked,
-            &skins,
-            options,
-            height,
-            limit,
-            tile_count,
-            &mut out,
-            &mut shots,
-            &mut warnings,
-        );
-        push_kind(&mut out, Kind::Quad, first_quad);
+        let limit = (texel_limit as u64).saturating_sub(tile_texels(&pictures));
+        let plan = plan_quad(baked, &skins, options, height, limit, &mut warnings);
+        let from = if has(Kind::Flat) { flat_time } else { 0.0 };
+        let mut heard = |share: f32| progress(from + share * (1.0 - from));
+        let taken = take::take(baked, groups, options, &plan, capture, &mut heard)?;
+        let first_tile = pictures.len() as u32;
+        pictures.extend(taken);
+        out.push(Kind::Quad, plan, first_tile);
     }
-    let pictures = take(
-        baked,
-        groups,
-        options,
-        &out.clip_poses,
-        &shots,
-        capture,
-        progress,
-    )?;
     let too_large = BuildError::TooLarge {
         bytes: options.memory_limit_bytes,
     };
@@ -249,372 +238,28 @@ pub fn build<E>(
     })
 }
 
-fn push_kind(out: &mut Impostors, kind: Kind, first_quad: u32) {
-    out.kinds.push(KindInfo {
-        kind,
-        first_quad,
-        quad_count: out.quads.len() as u32 - first_quad,
-        errors: Vec::new(),
-    });
+/// Texels of the finest mip.
+fn tile_texels(pictures: &[Picture]) -> u64 {
+    let texels = |p: &Picture| u64::from(p.size.x) * u64::from(p.size.y);
+    pictures.iter().map(texels).sum()
 }
 
-/// A picture to take, a tile to be.
-struct Shot {
-    /// Pose of the clips; none for bind space.
-    pose: Option<u32>,
-    group: Option<u8>,
-    center: Vec3,
-    right: Vec3,
-    up: Vec3,
-    depth_extent: f32,
-    corner: Vec2,
-    texel: f32,
-    size: UVec2,
-}
-
-impl Shot {
-    fn view(&self, pose: u32, supersample: u32) -> CaptureView {
-        let extent = self.size.as_vec2() * self.texel;
-        CaptureView {
-            pose,
-            group: self.group,
-            center: self.center,
-            right: self.right,
-            up: self.up,
-            min: Vec2::new(self.corner.x, self.corner.y - extent.y),
-            max: Vec2::new(self.corner.x + extent.x, self.corner.y),
-            depth_extent: self.depth_extent,
-            size: (self.size * supersample).to_array(),
-        }
-    }
-}
-
-/// A rectangle of whole texels around the points, one texel larger on each side: corner and size.
-fn rectangle(points: &[Vec3], center: Vec3, right: Vec3, up: Vec3, texel: f32) -> (Vec2, UVec2) {
-    let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
-    for &p in points {
-        let at = Vec2::new((p - center).dot(right), (p - center).dot(up));
-        (min, max) = (min.min(at), max.max(at));
-    }
-    if min.x > max.x {
-        return (Vec2::ZERO, UVec2::ZERO);
-    }
-    let size = ((max - min) / texel).ceil().max(Vec2::ONE).as_uvec2() + 2;
-    let middle = (min + max) * 0.5;
-    let half = size.as_vec2() * texel * 0.5;
-    (Vec2::new(middle.x - half.x, middle.y + half.y), size)
-}
-
-/// Height of the first clip's first pose, model space; for lying things at least half of their length.
-fn height(baked: &Baked, skins: &[Skin]) -> f32 {
-    let palette = pose::affines(&pose::palette_at(baked, 0, 0.0));
-    let (min, max) = pose::bounds(skins.iter().map(|s| s.posed(&palette)));
-    let extent = max - min;
-    extent.y.max(0.5 * extent.max_element()).max(1e-6)
-}
-
-/// Plans the pictures of groups; returns the texels that their tiles may take.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "the plan of one kind, split from the driver"
-)]
-fn plan_flat(
-    baked: &Baked,
-    groups: &Groups,
-    options: &ImpostorOptions,
-    height: f32,
-    texel_limit: f64,
-    out: &mut Impostors,
-    shots: &mut Vec<Shot>,
-    warnings: &mut Vec<String>,
-) -> u64 {
-    let clouds = pose::group_clouds(baked, &groups.of_joint, groups.groups.len(), LEAST_WEIGHT);
-    let body_views = out.view_sets.len() as u32;
-    out.view_sets
-        .push(ViewSet::icosahedral(options.body_view_cuts, -1.0));
-    let head_views = if groups.groups.iter().any(|g| g.is_head)
-        && options.head_view_cuts != options.body_view_cuts
-    {
-        out.view_sets
-            .push(ViewSet::icosahedral(options.head_view_cuts, -1.0));
-        body_views + 1
-    } else {
-        body_views
-    };
-    let first_pose = pose::palette_at(baked, 0, 0.0);
-    let mut coarser = 1.0f32;
-    loop {
-        let mut planned = Vec::new();
-        let mut quads = Vec::new();
-        let mut texels = 0;
-        for (g, (group, cloud)) in groups.groups.iter().zip(&clouds).enumerate() {
-            let (min, max) = pose::bounds(cloud.iter().copied());
-            let center = (min + max) * 0.5;
-            let view_set = if group.is_head {
-                head_views
-            } else {
-                body_views
-            };
-            let scale = scale(&first_pose[group.driver as usize]);
-            let boost = if group.is_head {
-                options.head_boost
-            } else {
-                1.0
-            };
-            let texel = height / scale / options.texels_per_height / boost * coarser;
-            let radius = cloud.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
-            let depth_extent = radius + 2.0 * texel;
-            quads.push(Quad {
-                name: group.name.clone(),
-                joint: group.driver,
-                center,
-                depth_extent,
-                first_tile: (shots.len() + planned.len()) as u32,
-                view_set,
-            });
-            let views = &out.view_sets[view_set as usize];
-            for (view, &right) in views.rights.iter().enumerate() {
-                let up = views.up(view);
-                let (corner, size) = rectangle(cloud, center, right, up, texel);
-                let tile = padded(size - 2, options.margin(), options.multiple());
-                texels += u64::from(tile.x) * u64::from(tile.y);
-                planned.push(Shot {
-                    pose: None,
-                    group: Some(g as u8),
-                    center,
-                    right,
-                    up,
-                    depth_extent,
-                    corner,
-                    texel,
-                    size,
-                });
-            }
-        }
-        if texels as f64 <= texel_limit || coarser > 64.0 {
-            if coarser > 1.0 {
-                warnings.push(format!(
-                    "flat impostors have {:.0} texels along the height, not {:.0}: more would exceed the memory limit",
-                    options.texels_per_height / coarser,
-                    options.texels_per_height
-                ));
-            }
-            out.quads.extend(quads);
-            shots.extend(planned);
-            return texels;
-        }
-        coarser *= 1.05;
-    }
-}
-
-/// Metres of model space per unit of bind space under a palette entry.
-fn scale(entry: &PaletteEntry) -> f32 {
-    let volume = entry.to_affine().matrix3.determinant().abs();
-    if volume > 1e-18 { volume.cbrt() } else { 1.0 }
-}
-
-/// Plans the pictures of the whole body.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "the plan of one kind, split from the driver"
-)]
-fn plan_quad(
-    baked: &Baked,
-    skins: &[Skin],
-    options: &ImpostorOptions,
-    height: f32,
-    texel_limit: u64,
-    first_tile: u32,
-    out: &mut Impostors,
-    shots: &mut Vec<Shot>,
-    warnings: &mut Vec<String>,
-) {
-    let wanted = height / options.quad_texels_per_height;
-    let planned = |cuts: u32| {
-        let views = ViewSet::icosahedral(cuts, options.quad_lowest_y);
-        let plan = clip_poses::plan(
-            baked,
-            skins,
-            &views,
-            wanted,
-            options.quad_poses_per_clip,
-            texel_limit,
-            (options.margin(), options.multiple()),
-        );
-        (views, plan)
-    };
-    let (mut views, mut plan) = planned(options.quad_view_cuts);
-    if plan.is_reduced && options.quad_view_cuts > 1 {
-        // Characters with many clips may be better off with fewer views of finer pictures.
-        let fewer = planned(options.quad_view_cuts - 1);
-        if fewer.1.error < plan.error {
-            (views, plan) = fewer;
-        }
-    }
-    let texel = wanted / plan.share;
-    let pose_count: u32 = plan.ranges.iter().map(|r| r.pose_count).sum();
-    if plan.is_reduced {
-        warnings.push(format!(
-            "one-quad impostors have {:.0} texels along the height, {} views and {pose_count} poses in {} clips: more would \
-             exceed the memory limit",
-            options.quad_texels_per_height * plan.share,
-            views.directions.len(),
-            baked.clips.len()
-        ));
-    }
-    let boxes = baked.clips.iter().flat_map(|c| [c.box_min, c.box_max]);
-    let (min, max) = pose::bounds(boxes);
-    let (center, depth_extent) = ((min + max) * 0.5, (max - min).length() * 0.5 + texel);
-    for (clip, range) in plan.ranges.iter().enumerate() {
-        for p in 0..range.pose_count {
-            let palette = pose::affines(&pose::palette_at(
-                baked,
-                clip,
-                p as f32 / range.pose_count as f32,
-            ));
-            let points: Vec<Vec3> = skins.iter().map(|s| s.posed(&palette)).collect();
-            for (view, &right) in views.rights.iter().enumerate() {
-                let up = views.up(view);
-                let (corner, size) = rectangle(&points, center, right, up, texel);
-                shots.push(Shot {
-                    pose: Some(range.first_pose + p),
-                    group: None,
-                    center,
-                    right,
-                    up,
-                    depth_extent,
-                    corner,
-                    texel,
-                    size,
-                });
-            }
-        }
-    }
-    out.quads.push(Quad {
-        name: "body".into(),
-        joint: NO_JOINT,
-        center,
-        depth_extent,
-        first_tile,
-        view_set: out.view_sets.len() as u32,
-    });
-    out.view_sets.push(views);
-    out.clip_poses = plan.ranges;
-}
-
-/// The palette of a pose of the clips.
-fn pose_palette(baked: &Baked, clip_poses: &[PoseRange], pose: u32) -> Vec<PaletteEntry> {
-    let clip = clip_poses
-        .partition_point(|r| r.first_pose <= pose)
-        .saturating_sub(1);
-    let range = clip_poses[clip];
-    pose::palette_at(
-        baked,
-        clip,
-        (pose - range.first_pose) as f32 / range.pose_count as f32,
-    )
-}
-
-/// Takes the pictures, in batches, and averages them to cropped pictures, parallel to `shots`.
-fn take<E>(
-    baked: &Baked,
-    groups: &Groups,
-    options: &ImpostorOptions,
-    clip_poses: &[PoseRange],
-    shots: &[Shot],
-    capture: &mut Capture<E>,
-    progress: &mut dyn FnMut(f32),
-) -> Result<Vec<Picture>, BuildError<E>> {
-    let mut pictures = Vec::with_capacity(shots.len());
-    let supersample = options.supersample;
-    while pictures.len() < shots.len() {
-        progress(pictures.len() as f32 / shots.len() as f32);
-        let first = pictures.len();
-        let mut batch = CaptureBatch {
-            groups: groups.of_joint.clone(),
-            error: f32::INFINITY,
-            ..CaptureBatch::default()
-        };
-        let (mut bytes, mut posed) = (0, None);
-        let mut asked = Vec::new();
-        for shot in &shots[first..] {
-            let pixels =
-                u64::from(shot.size.x * shot.size.y) * u64::from(supersample * supersample);
-            // The level of detail is one of the batch's: pictures of other texels wait for the next.
-            let error = shot.texel * 0.5;
-            let other = batch.error.is_finite() && (batch.error - error).abs() > 0.1 * error;
-            let full =
-                bytes + pixels * TEXEL_BYTES > BATCH_BYTES || batch.poses.len() > BATCH_ENTRIES;
-            if !asked.is_empty() && (other || full) {
-                break;
-            }
-            bytes += pixels * TEXEL_BYTES;
-            batch.error = batch.error.min(error);
-            asked.push(shot.size.x > 0);
-            if shot.size.x == 0 {
-                continue;
-            }
-            if posed != Some(shot.pose) {
-                posed = Some(shot.pose);
-                batch.poses.extend(match shot.pose {
-                    Some(pose) => pose_palette(baked, clip_poses, pose),
-                    None => pose::bind_palette(baked),
-                });
-            }
-            let pose = (batch.poses.len() / baked.joints.len()) as u32 - 1;
-            batch.views.push(shot.view(pose, supersample));
-        }
-        let answers = if batch.views.is_empty() {
-            Vec::new()
-        } else {
-            capture(&batch).map_err(BuildError::Capture)?
-        };
-        check_answers(&batch, &answers)?;
-        let mut answers = answers.iter();
-        for (shot, asked) in shots[first..].iter().zip(asked) {
-            let answer = answers.as_slice().first().filter(|_| asked);
-            pictures.push(answer.map_or_else(Picture::default, |captured| {
-                average(shot, captured, options).cropped(options.margin(), options.multiple())
-            }));
-            if asked {
-                answers.next();
-            }
-        }
-    }
-    Ok(pictures)
-}
-
-fn check_answers<E>(batch: &CaptureBatch, answers: &[CapturedView]) -> Result<(), BuildError<E>> {
-    if answers.len() != batch.views.len() {
-        return Err(BuildError::Answer {
-            picture: answers.len(),
-            reason: "the pictures differ from those asked for in number",
+impl Impostors {
+    /// Appends what was planned for a kind, whose tiles begin at `first_tile`.
+    fn push(&mut self, kind: Kind, plan: Plan, first_tile: u32) {
+        let first_set = self.view_sets.len() as u32;
+        self.kinds.push(KindInfo {
+            kind,
+            first_quad: self.quads.len() as u32,
+            quad_count: plan.quads.len() as u32,
+            errors: Vec::new(),
         });
+        self.quads.extend(plan.quads.into_iter().map(|q| Quad {
+            first_tile: q.first_tile + first_tile,
+            view_set: q.view_set + first_set,
+            ..q
+        }));
+        self.view_sets.extend(plan.view_sets);
+        self.clip_poses.extend(plan.clip_poses);
     }
-    for (picture, (answer, view)) in answers.iter().zip(&batch.views).enumerate() {
-        let pixels = view.size[0] as usize * view.size[1] as usize;
-        if answer.color.len() != pixels || answer.surface.len() != pixels {
-            return Err(BuildError::Answer {
-                picture,
-                reason: "its pixels and its size differ",
-            });
-        }
-    }
-    Ok(())
-}
-
-fn average(shot: &Shot, captured: &CapturedView, options: &ImpostorOptions) -> Picture {
-    let least = if shot.group.is_some() {
-        (1.0 + 254.0 * LEAST_WEIGHT) as u8
-    } else {
-        1
-    };
-    Picture::average(
-        captured,
-        shot.corner,
-        shot.texel,
-        shot.size,
-        options.supersample,
-        |_, alpha| alpha >= least,
-    )
 }

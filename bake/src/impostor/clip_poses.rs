@@ -62,8 +62,10 @@ pub(super) fn plan(
                     .extents
                     .iter()
                     .map(|&(w, h)| {
-                        let content =
-                            UVec2::new((w / side).ceil() as u32 + 1, (h / side).ceil() as u32 + 1);
+                        let content = UVec2::new(
+                            (w / side + 0.7).ceil() as u32,
+                            (h / side).ceil() as u32 + 1,
+                        );
                         let size = padded(content, margin, multiple);
                         u64::from(size.x) * u64::from(size.y)
                     })

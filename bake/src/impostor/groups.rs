@@ -147,20 +147,6 @@ struct Joints {
 impl Joints {
     fn measure(baked: &Baked) -> Self {
         let count = baked.joints.len();
-        let mut joint_of_node: Vec<Option<usize>> = vec![None; baked.nodes.len()];
-        for (i, j) in baked.joints.iter().enumerate() {
-            joint_of_node[j.node as usize].get_or_insert(i);
-        }
-        let parent_of = |joint: usize| {
-            let mut node = baked.nodes.get(baked.joints[joint].node as usize)?.parent;
-            while let Some(n) = node {
-                if let Some(found) = joint_of_node[n as usize] {
-                    return Some(found);
-                }
-                node = baked.nodes[n as usize].parent;
-            }
-            None
-        };
         let name_of = |joint: usize| {
             let node = baked.nodes.get(baked.joints[joint].node as usize);
             node.map_or_else(String::new, |n| n.name.clone())
@@ -198,14 +184,10 @@ impl Joints {
             entries.iter().map(PaletteEntry::to_affine).collect()
         });
         let poses: Vec<Vec<Affine3A>> = poses.collect();
-        let place = |j: usize| {
-            let bind = baked.joints[j].joint_from_bind.inverse();
-            let place = bind.w_axis.truncate();
-            if place.is_finite() { place } else { Vec3::ZERO }
-        };
+        let places = super::pose::joint_places(baked);
         let mut misplaced = vec![0.0; count * count];
         for joint in (0..count).filter(|&j| shares[j] > 0.0) {
-            let free = free_motion(&moments[joint], place(joint));
+            let free = free_motion(&moments[joint], places[joint]);
             for follows in (0..count).filter(|&d| d != joint) {
                 misplaced[joint * count + follows] =
                     free + clip_motion(&moments[joint], &poses, joint, follows);
@@ -213,7 +195,7 @@ impl Joints {
         }
         Self {
             names: (0..count).map(name_of).collect(),
-            parents: (0..count).map(parent_of).collect(),
+            parents: super::pose::joint_parents(baked),
             shares,
             misplaced,
         }
@@ -467,7 +449,7 @@ fn is_subordinate(name: &str) -> bool {
 }
 
 /// Lower-case words of a name: `LeftUpperArm.001`, `f_index.01.L` and `upperleg.l` come apart where people see them do.
-fn words(name: &str) -> Vec<String> {
+pub(super) fn words(name: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut lower = false;
     for c in name.chars() {

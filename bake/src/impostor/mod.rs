@@ -19,7 +19,10 @@ pub mod groups;
 mod lean;
 mod pack;
 mod picture;
+mod plan;
 pub mod pose;
+mod realise;
+mod take;
 pub(crate) mod validate;
 pub mod views;
 

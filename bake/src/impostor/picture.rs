@@ -6,6 +6,10 @@ use glam::{UVec2, Vec2, Vec3};
 
 use super::capture::CapturedView;
 
+/// Alpha of the last texel that shows. Above half, because filtering rounds what sticks out: silhouettes then keep their
+/// area.
+const EDGE_ALPHA: f32 = 0.54;
+
 /// A texel of a picture. Colour and surface mean nothing where the coverage is 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Texel {
@@ -155,8 +159,7 @@ impl Picture {
             .get(count.saturating_sub(1))
             .copied()
             .unwrap_or(0.0);
-        // Half of 255 is no number of theirs: a little above it, the edge texel itself is in.
-        if edge > 0.0 { 0.503 / edge } else { 1.0 }
+        if edge > 0.0 { EDGE_ALPHA / edge } else { 1.0 }
     }
 
     fn dilated(&self) -> Vec<Texel> {

@@ -33,6 +33,28 @@ pub fn bind_palette(baked: &Baked) -> Vec<PaletteEntry> {
     vec![PaletteEntry::from_affine(&Affine3A::IDENTITY); baked.joints.len()]
 }
 
+/// The nearest joint above each palette joint.
+pub(super) fn joint_parents(baked: &Baked) -> Vec<Option<usize>> {
+    let mut joint_of_node: Vec<Option<usize>> = vec![None; baked.nodes.len()];
+    for (i, j) in baked.joints.iter().enumerate() {
+        joint_of_node[j.node as usize].get_or_insert(i);
+    }
+    let above = |node: u32| baked.nodes[node as usize].parent;
+    let parent = |j: &crate::character::Joint| {
+        std::iter::successors(above(j.node), |&n| above(n)).find_map(|n| joint_of_node[n as usize])
+    };
+    baked.joints.iter().map(parent).collect()
+}
+
+/// Where the palette joints stand in bind space.
+pub(super) fn joint_places(baked: &Baked) -> Vec<Vec3> {
+    let place = |j: &crate::character::Joint| {
+        let place = j.joint_from_bind.inverse().w_axis.truncate();
+        if place.is_finite() { place } else { Vec3::ZERO }
+    };
+    baked.joints.iter().map(place).collect()
+}
+
 /// Every vertex as skinning sees it.
 pub(super) struct Skin {
     /// Bind space.

@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use throng_bake::bake::{BakeOptions, bake};
 use throng_bake::baked::Baked;
@@ -41,6 +42,22 @@ pub fn built(baked: &Baked, options: &ImpostorOptions) -> Built {
     build(baked, &groups, options, &mut take, &mut |_| ()).unwrap()
 }
 
+/// A built-in person with few views, and its impostors.
+fn person() -> &'static (Baked, Built) {
+    static PERSON: OnceLock<(Baked, Built)> = OnceLock::new();
+    PERSON.get_or_init(|| {
+        let baked = baked("man_suit").unwrap();
+        let options = ImpostorOptions {
+            body_view_cuts: 2,
+            head_view_cuts: 2,
+            mask_samples: 4,
+            ..ImpostorOptions::default()
+        };
+        let built = built(&baked, &options);
+        (baked, built)
+    })
+}
+
 #[test]
 fn a_person_fits_the_memory_and_every_tile_shows_its_part() {
     let baked = baked("man_suit").unwrap();
@@ -55,7 +72,11 @@ fn a_person_fits_the_memory_and_every_tile_shows_its_part() {
         assert!(pixels * 8 <= 64 << 20, "batches are bounded");
         Ok::<_, Infallible>(capture(&baked, batch))
     };
-    let options = ImpostorOptions::default();
+    let options = ImpostorOptions {
+        body_view_cuts: 2,
+        mask_samples: 4,
+        ..ImpostorOptions::default()
+    };
     let built = build(&baked, &groups, &options, &mut take, &mut |x| heard.push(x)).unwrap();
     assert!(heard.is_sorted() && heard.last() == Some(&1.0));
     let i = &built.impostors;
@@ -111,8 +132,7 @@ fn a_person_fits_the_memory_and_every_tile_shows_its_part() {
 
 #[test]
 fn in_every_mip_as_many_texels_show_as_the_finest_has() {
-    let baked = baked("man_suit").unwrap();
-    let i = built(&baked, &ImpostorOptions::default()).impostors;
+    let i = &person().1.impostors;
     let shown = |mip: u32| {
         let (width, height, first) = i.atlas.mip(mip);
         let texels = &i.atlas.color[first..first + (width * height) as usize];

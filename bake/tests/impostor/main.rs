@@ -4,6 +4,8 @@ mod build;
 mod capture;
 #[path = "../common/mod.rs"]
 mod common;
+mod compose;
 mod file;
 mod groups;
+mod silhouettes;
 mod views;

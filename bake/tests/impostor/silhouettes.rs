@@ -1,0 +1,204 @@
+//! Silhouettes of impostors against those of the mesh.
+
+use glam::Vec3;
+use throng_bake::baked::{Baked, PaletteEntry};
+use throng_bake::impostor::build::ImpostorOptions;
+use throng_bake::impostor::pose::palette_at;
+use throng_bake::impostor::{Impostors, Kind};
+
+use crate::build::{baked, built};
+use crate::capture::skinned;
+use crate::compose::{Camera, Difference, compare, directions, impostor, mesh};
+
+const HEIGHT_PX: f32 = 32.0;
+const SIZE_PX: u32 = 96;
+
+fn bounds(baked: &Baked, palette: &[PaletteEntry]) -> (Vec3, Vec3) {
+    let points = skinned(baked, palette);
+    let first = points[0].0;
+    points
+        .iter()
+        .fold((first, first), |(a, b), p| (a.min(p.0), b.max(p.0)))
+}
+
+/// Pixels per unit, so that the first pose is as high as said.
+fn scale(baked: &Baked) -> f32 {
+    let (min, max) = bounds(baked, &palette_at(baked, 0, 0.0));
+    HEIGHT_PX / (max.y - min.y)
+}
+
+fn camera(baked: &Baked, palette: &[PaletteEntry], direction: Vec3) -> Camera {
+    let (min, max) = bounds(baked, palette);
+    Camera::new(direction, (min + max) * 0.5, scale(baked), SIZE_PX)
+}
+
+/// Poses over all clips, between the captured ones.
+fn poses(baked: &Baked, count: usize) -> Vec<Vec<PaletteEntry>> {
+    (0..count)
+        .map(|i| palette_at(baked, i % baked.clips.len(), (i as f32 * 0.618).fract()))
+        .collect()
+}
+
+fn views() -> usize {
+    std::env::var("VIEWS").map_or(40, |v| v.parse().unwrap())
+}
+
+struct Figures {
+    mean_iou: f32,
+    worst_iou: f32,
+    holes: u32,
+    stray: u32,
+    bias: f32,
+}
+
+fn figures(all: &[Difference]) -> Figures {
+    Figures {
+        mean_iou: all.iter().map(|d| d.iou).sum::<f32>() / all.len() as f32,
+        worst_iou: all.iter().map(|d| d.iou).fold(1.0, f32::min),
+        holes: all.iter().map(|d| d.holes).sum(),
+        stray: all.iter().map(|d| d.stray).sum(),
+        bias: all.iter().map(|d| d.bias).sum::<f32>() / all.len() as f32,
+    }
+}
+
+fn measure_flat(baked: &Baked, i: &Impostors) -> Vec<(usize, Vec3, Difference)> {
+    let mut out = Vec::new();
+    for (p, palette) in poses(baked, 20).iter().enumerate() {
+        for direction in directions(views(), -0.3) {
+            let camera = camera(baked, palette, direction);
+            let shown = impostor(i, Kind::Flat, palette, 0, &camera);
+            out.push((
+                p,
+                direction,
+                compare(&mesh(baked, palette, &camera), &shown, SIZE_PX),
+            ));
+        }
+    }
+    out
+}
+
+fn measure_quad(baked: &Baked, i: &Impostors) -> Vec<(usize, Vec3, Difference)> {
+    let mut out = Vec::new();
+    for n in 0..20 {
+        let clip = n % baked.clips.len();
+        let range = i.clip_poses[clip];
+        let phase = (n as f32 * 0.618).fract();
+        let pose = (phase * range.pose_count as f32).round() as u32 % range.pose_count;
+        let palette = palette_at(baked, clip, phase);
+        for direction in directions(views(), -0.2) {
+            let camera = camera(baked, &palette, direction);
+            let shown = impostor(i, Kind::Quad, &palette, range.first_pose + pose, &camera);
+            out.push((
+                n,
+                direction,
+                compare(&mesh(baked, &palette, &camera), &shown, SIZE_PX),
+            ));
+        }
+    }
+    out
+}
+
+fn show(baked: &Baked, i: &Impostors, name: &str, pick: &[(usize, Vec3)]) {
+    let side = SIZE_PX * 4;
+    let mut image = image::RgbImage::new(side * pick.len() as u32, side * 2);
+    for (n, (p, direction)) in pick.iter().enumerate() {
+        let palette = &poses(baked, 20)[*p];
+        let mut camera = camera(baked, palette, *direction);
+        (camera.scale, camera.size) = (camera.scale * 8.0, side);
+        for (row, pixels) in [
+            mesh(baked, palette, &camera),
+            impostor(i, Kind::Flat, palette, 0, &camera),
+        ]
+        .iter()
+        .enumerate()
+        {
+            for (k, p) in pixels.iter().enumerate() {
+                let (x, y) = (k as u32 % side, k as u32 / side);
+                let color = if p[3] > 0 {
+                    [p[0], p[1], p[2]]
+                } else {
+                    [90, 90, 200]
+                };
+                image.put_pixel(
+                    n as u32 * side + x,
+                    row as u32 * side + y,
+                    image::Rgb(color),
+                );
+            }
+        }
+    }
+    image
+        .save(format!("/tmp/impbake_sil_{}.png", name.replace('/', "_")))
+        .unwrap();
+}
+
+#[test]
+#[ignore = "prints; for tuning"]
+fn print_figures() {
+    let names = std::env::var("LOOK").unwrap_or_else(|_| "man_suit".into());
+    // By configuration: cuts, texels, masks, kinds.
+    let configs = std::env::var("CONFIGS").unwrap_or_else(|_| "3,64,12,fq".into());
+    for name in names.split(',') {
+        let Some(baked) = baked(name) else { return };
+        for config in configs.split(';') {
+            let words: Vec<&str> = config.split(',').collect();
+            let mut kinds = Vec::new();
+            if words[3].contains('f') {
+                kinds.push(Kind::Flat);
+            }
+            if words[3].contains('q') {
+                kinds.push(Kind::Quad);
+            }
+            let options = ImpostorOptions {
+                kinds,
+                body_view_cuts: words[0].parse().unwrap(),
+                texels_per_height: words[1].parse().unwrap(),
+                mask_samples: words[2].parse().unwrap(),
+                ..ImpostorOptions::default()
+            };
+            let start = std::time::Instant::now();
+            let built = built(&baked, &options);
+            let i = built.impostors;
+            println!(
+                "{name} {config}: {:.1} s, {} bytes, {} tiles {:?}",
+                start.elapsed().as_secs_f32(),
+                i.atlas.size_bytes(),
+                i.tiles.len(),
+                built.warnings
+            );
+            for kind in &options.kinds {
+                let all = match kind {
+                    Kind::Flat => measure_flat(&baked, &i),
+                    Kind::Quad => measure_quad(&baked, &i),
+                };
+                let f = figures(&all.iter().map(|d| d.2).collect::<Vec<_>>());
+                println!(
+                    "  {kind:?}: mean IoU {:.3}, worst {:.3}, holes {}, stray {}, bias {:.3}",
+                    f.mean_iou, f.worst_iou, f.holes, f.stray, f.bias
+                );
+                let mut worst = all.clone();
+                worst.sort_by(|a, b| a.2.iou.total_cmp(&b.2.iou));
+                for (p, d, x) in &worst[..2] {
+                    println!("     pose {p} from {d:.2}: {x:?}");
+                }
+                if *kind == Kind::Flat {
+                    let mut holes = all.clone();
+                    holes.sort_by_key(|d| std::cmp::Reverse(d.2.holes));
+                    let middle = all.len() / 2;
+                    let pick: Vec<(usize, Vec3)> = [
+                        worst[0],
+                        worst[1],
+                        worst[5],
+                        holes[0],
+                        holes[3],
+                        worst[middle],
+                    ]
+                    .iter()
+                    .map(|w| (w.0, w.1))
+                    .collect();
+                    show(&baked, &i, name, &pick);
+                }
+            }
+        }
+    }
+}
