@@ -12,6 +12,11 @@
 
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
+// Coverage below which an edge pixel is not drawn: it would hide what stands behind.
+static const float SOFT_EDGE = 0.2;
+// A bit of the pose and fade that go to the pixel shader, beside those of the instance.
+#define IMPOSTOR_SOFT 0x20000000u
+
 struct Interpolants
 {
     float4 position : SV_Position;
@@ -37,7 +42,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
     o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
     float2 step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
-    o.depth_fade_seed = uint4(asuint(step.x), asuint(step.y), instance.live_vertex_count, instance.tint_seed);
+    o.depth_fade_seed = uint4(asuint(step.x), asuint(step.y), instance.live_vertex_count | (placed.jointed ? 0u : IMPOSTOR_SOFT), instance.tint_seed);
     return o;
 }
 
@@ -57,7 +62,9 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
     uint bits = i.depth_fade_seed.z;
     float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
     bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
-    if (color.a < 0.5 || !shown)
+    // One quad blends its edges; quads of joints, which overlap, would let the ground shine through where they meet.
+    bool soft = (bits & IMPOSTOR_SOFT) != 0u;
+    if (color.a < (soft ? SOFT_EDGE : 0.5) || !shown)
     {
         discard;
     }
@@ -71,5 +78,6 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
 
     float2 zw = i.uv_depth.zw + asfloat(i.depth_fade_seed.xy) * (surface.w * 2.0 - 1.0 - i.height_depth.y);
     depth = saturate(zw.x / max(zw.y, 1e-6));
-    return float4(SRGB_TARGET ? lit : SrgbFromLinear(lit), 1.0);
+    float alpha = soft ? color.a : 1.0;
+    return float4((SRGB_TARGET ? lit : SrgbFromLinear(lit)) * alpha, alpha);
 }

@@ -349,15 +349,18 @@ impl<'a> Commands<'a> {
         };
     }
 
-    pub fn begin_query(&mut self, pool: vk::QueryPool) {
+    pub fn begin_query(&mut self, pool: vk::QueryPool, query: u32) {
         unsafe {
-            self.context
-                .device
-                .cmd_begin_query(self.cmd, pool, 0, vk::QueryControlFlags::empty())
+            self.context.device.cmd_begin_query(
+                self.cmd,
+                pool,
+                query,
+                vk::QueryControlFlags::empty(),
+            )
         };
     }
 
-    pub fn end_query(&mut self, pool: vk::QueryPool) {
-        unsafe { self.context.device.cmd_end_query(self.cmd, pool, 0) };
+    pub fn end_query(&mut self, pool: vk::QueryPool, query: u32) {
+        unsafe { self.context.device.cmd_end_query(self.cmd, pool, query) };
     }
 }

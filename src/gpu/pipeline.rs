@@ -85,8 +85,17 @@ struct DrawState<'a> {
     cull: vk::CullModeFlags,
     topology: vk::PrimitiveTopology,
     depth_write: bool,
+    mix: Mix,
+}
+
+/// How a draw's colour meets the target's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mix {
+    Replaces,
     /// The target keeps the darker of what it has and gets, channel by channel, and its alpha.
-    darkens: bool,
+    Darkens,
+    /// Over it, premultiplied with alpha.
+    Covers,
 }
 
 impl Pipelines {
@@ -153,7 +162,7 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: true,
-                darkens: false,
+                mix: Mix::Covers,
             },
         )?;
         self.ground = self.graphics(
@@ -166,7 +175,7 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: true,
-                darkens: false,
+                mix: Mix::Replaces,
             },
         )?;
         self.shadow = self.graphics(
@@ -179,7 +188,7 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
                 depth_write: false,
-                darkens: true,
+                mix: Mix::Darkens,
             },
         )?;
         self.sky = self.graphics(
@@ -192,7 +201,7 @@ impl Pipelines {
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: false,
-                darkens: false,
+                mix: Mix::Replaces,
             },
         )?;
         self.sampler = sampler(cx, "linear sampler", vk::Filter::LINEAR)?;
@@ -241,7 +250,7 @@ impl Pipelines {
                 },
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 depth_write: true,
-                darkens: false,
+                mix: Mix::Replaces,
             },
         )?;
         self.mesh.insert(variant, pipeline);
@@ -325,10 +334,16 @@ impl Pipelines {
             });
         let attachment = [vk::PipelineColorBlendAttachmentState::default()
             .color_write_mask(vk::ColorComponentFlags::RGBA)
-            .blend_enable(state.darkens)
-            .color_blend_op(vk::BlendOp::MIN)
+            .blend_enable(state.mix != Mix::Replaces)
+            .color_blend_op(match state.mix {
+                Mix::Darkens => vk::BlendOp::MIN,
+                Mix::Replaces | Mix::Covers => vk::BlendOp::ADD,
+            })
             .src_color_blend_factor(vk::BlendFactor::ONE)
-            .dst_color_blend_factor(vk::BlendFactor::ONE)
+            .dst_color_blend_factor(match state.mix {
+                Mix::Covers => vk::BlendFactor::ONE_MINUS_SRC_ALPHA,
+                Mix::Replaces | Mix::Darkens => vk::BlendFactor::ONE,
+            })
             .src_alpha_blend_factor(vk::BlendFactor::ZERO)
             .dst_alpha_blend_factor(vk::BlendFactor::ONE)];
         let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment);

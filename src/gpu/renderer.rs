@@ -362,7 +362,7 @@ impl Renderer {
             c.reset_queries(slot.timestamps, Stamp::Count as u32);
         }
         if slot.statistics != vk::QueryPool::null() {
-            c.reset_queries(slot.statistics, 1);
+            c.reset_queries(slot.statistics, 2);
         }
         stamp(c, slot, Stamp::SelectBegin);
         if cpu.is_none() {
@@ -424,21 +424,22 @@ impl Renderer {
         };
         stamp(c, slot, Stamp::DrawBegin);
         c.set_viewport(recorded.view.size_px);
-        let statistics = slot.statistics != vk::QueryPool::null();
-        if statistics {
-            c.begin_query(slot.statistics);
-        }
-        c.label("mesh", |c| {
-            crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
+        let count_vertices = |c: &mut Commands, query, draw: &mut dyn FnMut(&mut Commands)| {
+            let statistics = slot.statistics != vk::QueryPool::null();
+            if statistics {
+                c.begin_query(slot.statistics, query);
+            }
+            draw(c);
+            if statistics {
+                c.end_query(slot.statistics, query);
+            }
+        };
+        count_vertices(c, 0, &mut |c| {
+            c.label("mesh", |c| {
+                crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
+            })
         });
         stamp(c, slot, Stamp::MeshEnd);
-        if recorded.cpu.is_none() {
-            c.label("impostor", |c| crate::impostor::record(c, &drawing));
-        }
-        if statistics {
-            c.end_query(slot.statistics);
-        }
-        stamp(c, slot, Stamp::ImpostorEnd);
         if recorded.options.ground {
             c.label("ground", |c| crate::ground::record(c, &drawing));
         }
@@ -453,6 +454,13 @@ impl Renderer {
             c.label("sky", |c| crate::sky::record(c, &drawing));
         }
         stamp(c, slot, Stamp::SkyEnd);
+        // Behind everything else, because their edges let it through.
+        count_vertices(c, 1, &mut |c| {
+            if recorded.cpu.is_none() {
+                c.label("impostor", |c| crate::impostor::record(c, &drawing));
+            }
+        });
+        stamp(c, slot, Stamp::ImpostorEnd);
         recorded.draw_calls = c.draw_calls;
         recorded.drawn = true;
         slot.recorded = Some(recorded);

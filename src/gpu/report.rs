@@ -138,18 +138,19 @@ impl Renderer {
         if slot.statistics == vk::QueryPool::null() {
             return None;
         }
-        let mut count = [0u64; 1];
+        // Of the meshes and of the impostors.
+        let mut counts = [0u64; 2];
         // SAFETY: the pool is alive and its commands are finished (`report`'s contract); without WAIT this returns at once.
         unsafe {
             self.cx.device.get_query_pool_results(
                 slot.statistics,
                 0,
-                &mut count,
+                &mut counts,
                 vk::QueryResultFlags::TYPE_64,
             )
         }
         .ok()?;
-        Some(count[0])
+        Some(counts.iter().sum())
     }
 
     fn stage_times(&self, slot: &Slot, upload_ms: f64) -> Vec<StageTime> {
@@ -174,10 +175,10 @@ impl Renderer {
             for (stage, from, to) in [
                 ("select", Stamp::SelectBegin, Stamp::SelectEnd),
                 ("mesh", Stamp::DrawBegin, Stamp::MeshEnd),
-                ("impostor", Stamp::MeshEnd, Stamp::ImpostorEnd),
-                ("ground", Stamp::ImpostorEnd, Stamp::GroundEnd),
+                ("ground", Stamp::MeshEnd, Stamp::GroundEnd),
                 ("shadow", Stamp::GroundEnd, Stamp::ShadowEnd),
                 ("sky", Stamp::ShadowEnd, Stamp::SkyEnd),
+                ("impostor", Stamp::SkyEnd, Stamp::ImpostorEnd),
             ] {
                 let ticks = ticks[to as usize].saturating_sub(ticks[from as usize]);
                 times.push(StageTime {

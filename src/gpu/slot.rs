@@ -22,10 +22,10 @@ pub(crate) enum Stamp {
     SelectEnd,
     DrawBegin,
     MeshEnd,
-    ImpostorEnd,
     GroundEnd,
     ShadowEnd,
     SkyEnd,
+    ImpostorEnd,
     Count,
 }
 
@@ -267,7 +267,7 @@ impl Slot {
                 vk::QueryPoolCreateInfo::default()
                     .query_type(vk::QueryType::PIPELINE_STATISTICS)
                     .pipeline_statistics(vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS)
-                    .query_count(1),
+                    .query_count(2),
             )?;
         }
         Ok(())

@@ -91,6 +91,8 @@ pub fn view_of(set: &ViewSet, direction: Vec3, random: f32) -> u16 {
     let [a, b, c] = [v0, v1, v2].map(|v| set.directions[v as usize]);
     let sign = a.dot(b.cross(c)).signum();
     let w = [b.cross(c), c.cross(a), a.cross(b)].map(|n| (direction.dot(n) * sign).max(0.0));
+    let most = w[0].max(w[1]).max(w[2]);
+    let w = w.map(|w| (w - 0.5 * most).max(0.0));
     let sum: f32 = w.iter().sum();
     let at = random * sum;
     if at < w[0] || sum <= 0.0 {

@@ -93,6 +93,7 @@ mod tests {
         });
         let picture = Picture {
             corner,
+            soft: false,
             texel,
             size,
             texels: texels.collect(),

@@ -30,6 +30,8 @@ pub(super) struct Picture {
     pub corner: Vec2,
     /// Side of a texel in the plane.
     pub texel: f32,
+    /// Its edges blend, so that alpha is coverage as it is; else they are cut off at half of it.
+    pub soft: bool,
     /// Columns and rows.
     pub size: UVec2,
     /// `[rows][columns]`.
@@ -70,6 +72,7 @@ impl Picture {
         }
         Self {
             corner,
+            soft: false,
             texel,
             size,
             texels,
@@ -103,6 +106,7 @@ impl Picture {
         let shift = min.as_vec2() - inset.as_vec2();
         Self {
             corner: self.corner + Vec2::new(shift.x, -shift.y) * self.texel,
+            soft: self.soft,
             texel: self.texel,
             size,
             texels,
@@ -127,16 +131,17 @@ impl Picture {
         }
         Self {
             corner: self.corner,
+            soft: self.soft,
             texel: self.texel * 2.0,
             size,
             texels,
         }
     }
 
-    /// Colour with alpha and surface as the atlas holds them: alpha scaled so that as many texels have at least half of it
+    /// Colour with alpha and surface as the atlas holds them: alpha, where edges are cut off, scaled so that as many texels have at least half of it
     /// as the coverage amounts to, and uncovered texels with what their neighbours show, so that filtering finds no fringe.
     pub fn encoded(&self) -> (Vec<[u8; 4]>, Vec<[u8; 4]>) {
-        let scale = self.alpha_scale();
+        let scale = if self.soft { 1.0 } else { self.alpha_scale() };
         let texels = self.dilated();
         let encode = |t: &Texel| {
             let [r, g, b] = srgb(t.color);

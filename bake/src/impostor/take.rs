@@ -242,12 +242,14 @@ fn average(
         (Some(_), None) => alpha >= plain,
         (Some(_), Some(shares)) => alpha >= own || (alpha >= least && shares[texel] >= SHOWN_SHARE),
     };
-    Picture::average(
+    let mut picture = Picture::average(
         captured,
         shot.corner,
         shot.texel,
         shot.size,
         supersample,
         keep,
-    )
+    );
+    picture.soft = shot.group.is_none();
+    picture
 }
