@@ -74,9 +74,10 @@ impl Difference {
         d
     }
 
-    fn is_small(&self) -> bool {
+    /// On Mesa's lavapipe; other drivers round corners and interpolants otherwise, so they get `slack` times as much.
+    fn is_small(&self, slack: f64) -> bool {
         let worst = [self.weight, self.color, self.normal, self.part, self.depth];
-        self.coverage <= COVERAGE_SHARE && worst.iter().all(|&s| s <= PIXEL_SHARE)
+        self.coverage <= slack * COVERAGE_SHARE && worst.iter().all(|&s| s <= slack * PIXEL_SHARE)
     }
 }
 
@@ -125,6 +126,10 @@ fn batch(baked: &Baked, error: f32) -> CaptureBatch {
 
 fn compare(name: &str, baked: &Baked) {
     let mut headless = headless([16, 16]);
+    let slack = match headless.driver().contains("llvmpipe") {
+        true => 1.0,
+        false => 8.0,
+    };
     let mut capturer = headless.capturer(baked).expect("it uploads");
     for error in [0.0, baked.error_max * 0.02] {
         let batch = batch(baked, error);
@@ -145,7 +150,7 @@ fn compare(name: &str, baked: &Baked) {
         }
         let difference = Difference::of(&pictures, &twins);
         println!("{name} at an error of {error}: {difference:?}");
-        assert!(difference.is_small(), "{name}: {difference:?}");
+        assert!(difference.is_small(slack), "{name}: {difference:?}");
     }
     drop(capturer);
     assert_silent(&headless);
@@ -196,12 +201,12 @@ fn corrupted_pictures_are_found() {
         .iter()
         .map(|v| capture(&baked, &batch, v))
         .collect();
-    assert!(Difference::of(&good, &good).is_small());
+    assert!(Difference::of(&good, &good).is_small(1.0));
     type Change<'a> = &'a dyn Fn(&mut CapturedView);
     let corrupt = |what: &str, change: Change| {
         let mut bad = good.clone();
         bad.iter_mut().for_each(change);
-        assert!(!Difference::of(&bad, &good).is_small(), "{what}");
+        assert!(!Difference::of(&bad, &good).is_small(8.0), "{what}");
     };
     corrupt("turned over", &|v| {
         v.color.reverse();
@@ -236,7 +241,7 @@ fn corrupted_pictures_are_found() {
     bad[0].surface.resize(good[0].surface.len(), [0; 4]);
     bad[1].color.resize(good[1].color.len(), [0; 4]);
     bad[1].surface.resize(good[1].surface.len(), [0; 4]);
-    assert!(!Difference::of(&bad, &good).is_small());
+    assert!(!Difference::of(&bad, &good).is_small(8.0));
 }
 
 #[test]

@@ -190,6 +190,45 @@ fn the_same_input_gives_the_same_bytes() {
     assert_eq!(bake("a.throng"), bake("b.throng"));
 }
 
+/// A machine without any driver bakes all but impostors, and says so.
+#[test]
+fn without_vulkan_only_impostors_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "tetra", 3);
+    let baked = folder.path().join("tetra.throng");
+    let output = Command::new(env!("CARGO_BIN_EXE_throng"))
+        .args([
+            "bake",
+            source.to_str().unwrap(),
+            "-o",
+            baked.to_str().unwrap(),
+        ])
+        .env("VK_ICD_FILENAMES", "/nonexistent")
+        .env("VK_DRIVER_FILES", "/nonexistent")
+        .output()
+        .expect("the binary runs");
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("left out its impostors"), "{said}");
+    let baked = baked.to_str().unwrap();
+    let contents = json(&succeed(&["inspect", baked, "--json"]));
+    assert_eq!(contents["triangle_count"], 4);
+    assert!(contents["impostors"].is_null());
+    assert!(refuse(&["inspect", baked, "--atlas", "a.png"]).contains("no impostors"));
+
+    succeed(&["bake", source.to_str().unwrap(), "-o", baked]);
+    let atlas = folder.path().join("new/atlas.png");
+    let said = succeed(&["inspect", baked, "--atlas", atlas.to_str().unwrap()]);
+    assert!(said.contains("flat") && said.contains("quad") && said.contains("atlas"));
+    let (color, surface) = (
+        pixels(&atlas),
+        pixels(&atlas.with_file_name("atlas_surface.png")),
+    );
+    assert_eq!(color.dimensions(), surface.dimensions());
+    let message = refuse(&["bake", baked, "-o", "b", "--impostors", "none,flat"]);
+    assert!(message.contains("none stands alone"), "{message}");
+}
+
 #[test]
 fn several_inputs_go_into_a_folder() {
     let folder = tempfile::tempdir().unwrap();
