@@ -2,12 +2,13 @@
 //!
 //! A picture taken from the centre of a view cell is drawn for every direction in the cell. On a plane across the direction
 //! of capture a standing figure that was taken from above would come out too short from the side, by a quarter between
-//! neighbouring cells; on the plane that fits its depths best, it keeps its proportions.
+//! neighbouring cells; on the plane that fits its outline best, it keeps its proportions. The outline counts, not the
+//! surface before it: that is nearer to the eye all over, and would shift against the outline from cell to cell.
 
 use glam::{Vec2, Vec3};
 
 use super::picture::Picture;
-use super::{Impostors, MAX_LEAN};
+use super::{Impostors, MAX_LEAN, NO_JOINT};
 
 /// Fits the planes of all tiles to the depths of their pictures.
 pub(super) fn lean_tiles(impostors: &mut Impostors, pictures: &[Picture]) {
@@ -17,21 +18,39 @@ pub(super) fn lean_tiles(impostors: &mut Impostors, pictures: &[Picture]) {
             .quads
             .get(i + 1)
             .map_or(pictures.len(), |next| next.first_tile as usize);
-        extents.resize(end, quad.depth_extent);
+        extents.resize(end, (quad.depth_extent, quad.joint != NO_JOINT));
     }
-    for ((tile, picture), extent) in impostors.tiles.iter_mut().zip(pictures).zip(extents) {
-        tile.lean = lean(picture, extent).to_array();
+    let tiles = impostors.tiles.iter_mut().zip(pictures);
+    for ((tile, picture), (extent, is_limb)) in tiles.zip(extents) {
+        let mut lean = lean(picture, extent);
+        if is_limb {
+            // Its outline runs around its axis, on which the centre lies; its ends are open, and would mislead.
+            lean.z = 0.0;
+        }
+        tile.lean = lean.to_array();
     }
 }
 
-/// Least squares: depth as a linear function of the place in the plane. Slopes along right and up, and the depth at the
-/// centre, within what the picture's depths allow.
+/// Least squares over the outline's texels: depth as a linear function of the place in the plane. Slopes along right and
+/// up, and the depth at the centre, within what the picture's depths allow.
 fn lean(picture: &Picture, depth_extent: f32) -> Vec3 {
     let mut points = Vec::new();
     let mut mean = Vec3::ZERO;
     let mut weight = 0.0;
+    let columns = picture.size.x as usize;
+    let is_empty = |i: Option<usize>| {
+        let texel = i.and_then(|i| picture.texels.get(i));
+        texel.is_none_or(|t| t.coverage == 0.0)
+    };
     for (i, t) in picture.texels.iter().enumerate() {
-        if t.coverage > 0.0 {
+        // Rims are empty, so a row's ends are neighbours of nothing.
+        let beside = [
+            i.checked_sub(1),
+            Some(i + 1),
+            i.checked_sub(columns),
+            Some(i + columns),
+        ];
+        if t.coverage > 0.0 && beside.into_iter().any(is_empty) {
             let at = Vec2::new(
                 (i as u32 % picture.size.x) as f32 + 0.5,
                 -((i as u32 / picture.size.x) as f32 + 0.5),

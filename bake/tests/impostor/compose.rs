@@ -107,9 +107,11 @@ pub fn impostor(
         let place = |x: f32, y: f32, z: f32| {
             model_from_quad.transform_point3(quad.center + right * x + up * y + toward * z)
         };
-        let origin = camera.project(place(tile.min[0], tile.max[1], 0.0));
-        let across = camera.project(place(tile.max[0], tile.max[1], 0.0)) - origin;
-        let down = camera.project(place(tile.min[0], tile.min[1], 0.0)) - origin;
+        let [a, b, c] = tile.lean;
+        let leaning = |x: f32, y: f32| place(x, y, a * x + b * y + c);
+        let origin = camera.project(leaning(tile.min[0], tile.max[1]));
+        let across = camera.project(leaning(tile.max[0], tile.max[1])) - origin;
+        let down = camera.project(leaning(tile.min[0], tile.min[1])) - origin;
         let tile_from_pixel = Mat2::from_cols(across, down).inverse();
         let corners = [
             origin,
