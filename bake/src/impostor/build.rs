@@ -12,6 +12,8 @@ use crate::baked::Baked;
 const TEXEL_BYTES: u64 = 8;
 /// Share of the memory limit that is planned for: packing wastes some.
 const PLANNED_SHARE: f64 = 0.94;
+/// Share of the memory that `Flat` is allowed once it has been captured.
+const FLAT_MOST: f64 = 0.6;
 /// Share of the time that `Flat` takes of both, for progress.
 const FLAT_TIME: f32 = 0.75;
 /// Coarser texels than this are not tried.
@@ -63,7 +65,7 @@ impl Default for ImpostorOptions {
             quad_texels_per_height: 40.0,
             quad_poses_per_clip: 16,
             memory_limit_bytes: 16_000_000,
-            mask_samples: 12,
+            mask_samples: 6,
             supersample: 4,
             mip_count: 3,
         }
@@ -196,7 +198,8 @@ pub fn build<E>(
             let mut heard = |share: f32| progress(share * flat_time);
             pictures = take::take(baked, groups, options, &plan, capture, &mut heard)?;
             let texels = tile_texels(&pictures) as f64;
-            if texels <= limit || coarser >= COARSEST {
+            // A little more than its share is better than the time to take them again.
+            if texels <= limit.max(FLAT_MOST * texel_limit) || coarser >= COARSEST {
                 break plan;
             }
             coarser *= ((texels / limit).sqrt() as f32).max(1.05);
