@@ -10,11 +10,11 @@ use throng_bake::impostor::capture::{CaptureBatch, CapturedView};
 use super::bindings::{self, Kind};
 use super::commands::{Access, Commands};
 use super::context::Context;
+use super::descriptors::{allocate_set, descriptor_pool, set_layout, write_buffers};
 use super::headless::{Headless, dropped};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{
-    ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, allocate_set, descriptor_pool,
-    pipeline_layout, set_layout, shader, stage, write_buffers,
+    ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout, shader, stage,
 };
 use super::resident::{self, Resident};
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};

@@ -4,6 +4,7 @@ pub mod bindings;
 mod capturer;
 mod commands;
 mod context;
+mod descriptors;
 mod headless;
 mod memory;
 mod own_device;

@@ -1,4 +1,4 @@
-//! Set layouts, pipeline layouts and pipelines of all stages.
+//! Pipeline layouts and pipelines of all stages.
 
 use std::collections::HashMap;
 use std::ffi::CStr;
@@ -6,9 +6,9 @@ use std::mem::offset_of;
 
 use ash::vk;
 
-use super::bindings::{self, Kind};
+use super::bindings;
 use super::context::Context;
-use super::memory::Buffer;
+use super::descriptors::set_layout;
 use super::renderer::RendererDesc;
 use super::shaders::{MODULES, Module};
 use crate::error::RenderError;
@@ -512,31 +512,6 @@ fn compute(
     Ok(pipeline)
 }
 
-pub(super) fn set_layout(
-    cx: &Context,
-    name: &str,
-    kinds: &[Kind],
-    stages: vk::ShaderStageFlags,
-) -> Result<vk::DescriptorSetLayout, RenderError> {
-    let bindings: Vec<_> = (0u32..)
-        .zip(kinds)
-        .map(|(i, kind)| {
-            vk::DescriptorSetLayoutBinding::default()
-                .binding(i)
-                .descriptor_type(kind.descriptor_type())
-                .descriptor_count(1)
-                .stage_flags(stages)
-        })
-        .collect();
-    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
-    // SAFETY: the context's device is alive.
-    let layout = unsafe { cx.device.create_descriptor_set_layout(&info, None) }.map_err(
-        RenderError::vulkan(cx.full_name(name), "vkCreateDescriptorSetLayout"),
-    )?;
-    cx.set_name(layout, name);
-    Ok(layout)
-}
-
 pub(super) fn pipeline_layout(
     cx: &Context,
     name: &str,
@@ -560,84 +535,4 @@ pub(super) fn pipeline_layout(
     )?;
     cx.set_name(layout, name);
     Ok(layout)
-}
-
-/// A pool for `sets` sets with room for `buffers` storage buffers and as many texel buffers, as many uniform buffers as
-/// sets, and the images and samplers of a character per set.
-pub(crate) fn descriptor_pool(
-    cx: &Context,
-    name: &str,
-    sets: u32,
-    buffers: u32,
-) -> Result<vk::DescriptorPool, RenderError> {
-    let sizes = [
-        (vk::DescriptorType::UNIFORM_BUFFER, sets),
-        (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
-        (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, buffers.max(1)),
-        (vk::DescriptorType::SAMPLED_IMAGE, 8 * sets),
-        (vk::DescriptorType::SAMPLER, 2 * sets),
-    ]
-    .map(|(ty, count)| vk::DescriptorPoolSize {
-        ty,
-        descriptor_count: count,
-    });
-    let info = vk::DescriptorPoolCreateInfo::default()
-        .max_sets(sets)
-        .pool_sizes(&sizes);
-    // SAFETY: the context's device is alive.
-    let pool = unsafe { cx.device.create_descriptor_pool(&info, None) }.map_err(
-        RenderError::vulkan(cx.full_name(name), "vkCreateDescriptorPool"),
-    )?;
-    cx.set_name(pool, name);
-    Ok(pool)
-}
-
-/// One set of a pool.
-pub(crate) fn allocate_set(
-    cx: &Context,
-    name: &str,
-    pool: vk::DescriptorPool,
-    layout: vk::DescriptorSetLayout,
-) -> Result<vk::DescriptorSet, RenderError> {
-    let layouts = [layout];
-    let info = vk::DescriptorSetAllocateInfo::default()
-        .descriptor_pool(pool)
-        .set_layouts(&layouts);
-    // SAFETY: pool and layout are alive, and only the renderer, which is borrowed, uses the pool.
-    let set = unsafe { cx.device.allocate_descriptor_sets(&info) }.map_err(RenderError::vulkan(
-        cx.full_name(name),
-        "vkAllocateDescriptorSets",
-    ))?[0];
-    cx.set_name(set, name);
-    Ok(set)
-}
-
-/// Writes buffers to a set's bindings from 0 up.
-pub(crate) fn write_buffers(cx: &Context, set: vk::DescriptorSet, buffers: &[(Kind, &Buffer)]) {
-    let infos: Vec<_> = buffers
-        .iter()
-        .map(|(_, buffer)| {
-            [vk::DescriptorBufferInfo {
-                buffer: buffer.handle,
-                offset: 0,
-                range: vk::WHOLE_SIZE,
-            }]
-        })
-        .collect();
-    let views: Vec<_> = buffers.iter().map(|(_, buffer)| [buffer.view]).collect();
-    let writes: Vec<_> = (0u32..)
-        .zip(buffers.iter().zip(infos.iter().zip(&views)))
-        .map(|(i, (&(kind, _), (info, view)))| {
-            let write = vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .dst_binding(i)
-                .descriptor_type(kind.descriptor_type());
-            match kind {
-                Kind::Texels => write.texel_buffer_view(view),
-                _ => write.buffer_info(info),
-            }
-        })
-        .collect();
-    // SAFETY: buffers are alive; no pending command uses the set (`begin_frame`'s contract, or the set is new).
-    unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
 }

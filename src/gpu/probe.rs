@@ -6,8 +6,8 @@ use gpu_allocator::MemoryLocation;
 
 use super::bindings::Kind;
 use super::commands::{Access, Commands};
+use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
-use super::pipeline::{allocate_set, descriptor_pool, write_buffers};
 use super::renderer::Renderer;
 use crate::error::RenderError;
 use crate::frame::CharacterId;

@@ -5,8 +5,9 @@ use gpu_allocator::MemoryLocation;
 
 use super::bindings::{self, Kind};
 use super::context::Context;
+use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
-use super::pipeline::{Pipelines, allocate_set, descriptor_pool, write_buffers};
+use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, View};
 use crate::gpu_types::{
