@@ -15,8 +15,10 @@ use crate::baked::{Baked, PaletteEntry};
 use crate::error::ImportError;
 use crate::quantize::{decode_position, decode_weights};
 
-/// Most groups that rules make; a sidecar file may ask for [`MAX_GROUPS`].
+/// Most groups that rules make of a character with hands; a sidecar file may ask for [`MAX_GROUPS`].
 pub const RULE_GROUPS: usize = 15;
+/// Most groups that rules make of others: backs, necks and tails bend more.
+pub const RULE_GROUPS_WITHOUT_HANDS: usize = 18;
 /// Most groups.
 pub const MAX_GROUPS: usize = 64;
 
@@ -251,6 +253,12 @@ impl Joints {
 
     /// Merges groups into the groups above them, the cheapest and its mirror image first, until few enough are left.
     fn merge_cheapest(&self, of: &mut [usize]) {
+        let is_hand = |name: &String| Extremity::of_name(name) == Some(Extremity::Hand);
+        let most = if self.names.iter().any(is_hand) {
+            RULE_GROUPS
+        } else {
+            RULE_GROUPS_WITHOUT_HANDS
+        };
         loop {
             let mut groups = members_by_group(of);
             groups.retain(|_, members| self.surface(members) > 0.0);
@@ -268,7 +276,7 @@ impl Joints {
                     !small && Extremity::of_name(&self.names[group]).is_some(),
                     cost,
                 );
-                if (small || groups.len() > RULE_GROUPS) && best.is_none_or(|b| order < b.0) {
+                if (small || groups.len() > most) && best.is_none_or(|b| order < b.0) {
                     best = Some((order, group, into));
                 }
             }
@@ -406,13 +414,13 @@ impl Extremity {
             "finger",
             "fingers",
             "thumb",
-            "index",
-            "middle",
-            "ring",
             "pinky",
             "metacarpal",
             "handslot",
         ];
+        // Fingers only where no other part of the body is named.
+        const FINGER: &[&str] = &["index", "middle", "ring"];
+        const BESIDE: &[&str] = &["l", "r", "left", "right", "f", "b", "def"];
         const FOOT: &[&str] = &[
             "foot", "feet", "toe", "toes", "ankle", "ball", "hoof", "paw",
         ];
@@ -428,9 +436,13 @@ impl Extremity {
             return None;
         }
         let says = |list: &[&str]| words.iter().any(|w| list.contains(&w.as_str()));
+        let is_finger = says(FINGER)
+            && words
+                .iter()
+                .all(|w| [FINGER, BESIDE].concat().contains(&w.as_str()));
         if says(HEAD) {
             Some(Self::Head)
-        } else if says(HAND) && !says(&["forearm", "arm", "lowerarm"]) {
+        } else if (says(HAND) || is_finger) && !says(&["forearm", "arm", "lowerarm"]) {
             Some(Self::Hand)
         } else if says(FOOT) {
             Some(Self::Foot)

@@ -23,8 +23,9 @@ const BATCH_ENTRIES: usize = 1 << 17;
 const OWN_WEIGHT: f32 = 0.9;
 /// Without realisations: half, less an overlap that closes bent joints.
 const PLAIN_WEIGHT: f32 = 0.35;
-/// Surface that follows the group in part is shown where at least this share of the realisations has the body there.
-const SHOWN_SHARE: f32 = 0.5;
+/// Surface that follows the group in part is shown where the share of the realisations that have the body there and its
+/// weight sum to at least this: the less it follows the group, the surer it must be.
+const SHOWN_SUM: f32 = 0.9;
 
 /// One picture to ask for.
 struct Question {
@@ -237,10 +238,13 @@ fn average(
 ) -> Picture {
     let alpha = |weight: f32| (1.0 + 254.0 * weight) as u8;
     let (least, own, plain) = (alpha(LEAST_WEIGHT), alpha(OWN_WEIGHT), alpha(PLAIN_WEIGHT));
+    let weight = |alpha: u8| (f32::from(alpha) - 1.0) / 254.0;
     let keep = |texel: usize, alpha: u8| match (shot.group, shares) {
         (None, _) => true,
         (Some(_), None) => alpha >= plain,
-        (Some(_), Some(shares)) => alpha >= own || (alpha >= least && shares[texel] >= SHOWN_SHARE),
+        (Some(_), Some(shares)) => {
+            alpha >= own || (alpha >= least && shares[texel] + weight(alpha) >= SHOWN_SUM)
+        }
     };
     let mut picture = Picture::average(
         captured,

@@ -221,7 +221,7 @@ fn look() {
             p[3] = 255;
         }
         shown
-            .save(format!("/tmp/impbake_{}.png", name.replace('/', "_")))
+            .save(std::env::temp_dir().join(format!("throng_atlas_{}.png", name.replace('/', "_"))))
             .unwrap();
     }
 }

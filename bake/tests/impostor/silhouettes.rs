@@ -128,8 +128,62 @@ fn show(baked: &Baked, i: &Impostors, name: &str, pick: &[(usize, Vec3)]) {
         }
     }
     image
-        .save(format!("/tmp/impbake_sil_{}.png", name.replace('/', "_")))
+        .save(
+            std::env::temp_dir().join(format!("throng_silhouettes_{}.png", name.replace('/', "_"))),
+        )
         .unwrap();
+}
+
+/// The character with its first clips only.
+fn with_clips(baked: &Baked, count: usize) -> Baked {
+    let mut fewer = baked.clone();
+    fewer.clips.truncate(count);
+    let frames: u32 = fewer.clips.iter().map(|c| c.frame_count).sum();
+    fewer.palette.truncate(frames as usize * fewer.joints.len());
+    fewer
+}
+
+/// Clips that the masks never saw, from directions all around.
+#[test]
+fn flat_impostors_keep_the_silhouette_in_clips_unseen_at_capture() {
+    let Some(baked) = baked("man_suit") else {
+        return;
+    };
+    let known = with_clips(&baked, 2);
+    let options = ImpostorOptions {
+        kinds: vec![Kind::Flat],
+        ..ImpostorOptions::default()
+    };
+    let i = built(&known, &options).impostors;
+    let unseen = baked.clips.len() - 1;
+    let mut all = Vec::new();
+    for p in 0..10 {
+        let palette = palette_at(&baked, unseen, p as f32 / 10.0);
+        for direction in directions(20, -0.3) {
+            let camera = camera(&baked, &palette, direction);
+            let shown = impostor(&i, Kind::Flat, &palette, 0, &camera);
+            all.push(compare(&mesh(&baked, &palette, &camera), &shown, SIZE_PX));
+        }
+    }
+    let f = figures(&all);
+    let said = format!(
+        "mean {:.3}, worst {:.3}, holes {}",
+        f.mean_iou, f.worst_iou, f.holes
+    );
+    println!("{said}");
+    assert!(f.mean_iou >= 0.9 && f.worst_iou >= 0.75, "{said}");
+    assert!(
+        f.holes as usize * 4 <= all.len(),
+        "{said}: a hole wider than a pixel"
+    );
+    // The measure sees what it should: without one of the limbs it is worse.
+    let palette = palette_at(&baked, unseen, 0.3);
+    let camera = camera(&baked, &palette, Vec3::Z);
+    let whole = mesh(&baked, &palette, &camera);
+    let mut maimed = i.clone();
+    maimed.kinds[0].quad_count -= 3;
+    let shown = impostor(&maimed, Kind::Flat, &palette, 0, &camera);
+    assert!(compare(&whole, &shown, SIZE_PX).iou < 0.87);
 }
 
 #[test]
