@@ -119,11 +119,13 @@ impl Tables {
                 vertex_count: submesh.vertex_count,
             });
         }
-        self.bands.extend(baked.bands.iter().map(|b| BandInfo {
+        let waiting = waiting_vertex_counts(baked);
+        let bands = baked.bands.iter().zip(waiting);
+        self.bands.extend(bands.map(|(b, waiting)| BandInfo {
             first_index: b.first_index,
             index_count: b.index_count,
             vertex_count: b.vertex_count,
-            waiting_vertex_count: b.vertex_count - drawn_vertex_count(baked, b),
+            waiting_vertex_count: waiting,
         }));
         let first_impostor_bin = self.bands.len() as u32;
         self.bands.extend(impostor::windows(baked));
@@ -173,7 +175,24 @@ fn append_levels(
     first_key
 }
 
-/// Vertices that a band's triangles use; the others that are alive wait for coarser levels.
+/// For each band, how many of an instance's live vertices wait for coarser levels: for the full mesh's band as many as do
+/// at its level, for the others, whose instances lie anywhere down to the next band's level, the mean of both.
+fn waiting_vertex_counts(baked: &Baked) -> Vec<u32> {
+    let mut counts: Vec<u32> = (baked.bands.iter())
+        .map(|b| b.vertex_count.saturating_sub(drawn_vertex_count(baked, b)))
+        .collect();
+    for s in &baked.submeshes {
+        let bands = s.first_band as usize..(s.first_band + s.band_count) as usize;
+        for i in bands.clone().skip(1) {
+            if i + 1 < bands.end {
+                counts[i] = counts[i].midpoint(counts[i + 1]);
+            }
+        }
+    }
+    counts
+}
+
+/// Vertices that a band's triangles use.
 fn drawn_vertex_count(baked: &Baked, band: &Band) -> u32 {
     let mut used = vec![false; band.vertex_count as usize];
     let window = &baked.indices[band.first_index as usize..][..band.index_count as usize];

@@ -56,7 +56,6 @@ impl Renderer {
             .zip(&self.tables.bands)
             .map(|(&count, band)| count as u64 * (band.index_count / 3) as u64)
             .sum();
-        // Waiting vertices are counted at the bands' levels, where there are the most of them: never too few.
         let waiting: u64 = counts
             .iter()
             .zip(&self.tables.bands)
