@@ -1,7 +1,7 @@
 //! Error curves of impostors: how far each kind is from the character, measured by drawing it beside the mesh.
 //!
 //! The unit is that of levels of detail, so that one pixel error means the same for every representation. A sheet of agents
-//! in many poses, headings and camera pitches is drawn at a number of heights: many-sampled at full detail (the reference),
+//! in many poses, headings and camera pitches is drawn at a number of heights: many-sampled in fine detail (the reference),
 //! as meshes of rising pixel error, and as each kind. A kind's error at a height is the pixel error of the mesh that is as
 //! far from the reference as the kind is; 0 where the kind is nearer than the finest mesh, which is drawn with one sample
 //! per pixel while impostors are averaged beforehand.
@@ -25,6 +25,8 @@ const PIXEL_ERRORS: [f32; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 const PITCHES: [f32; 3] = [0.05, 0.4, 0.9];
 /// Samples per pixel of the reference along each side.
 const SUPERSAMPLE: u32 = 4;
+/// Level of detail of the reference, in its samples: at a sixteenth of a pixel curves come out as with full detail.
+const REFERENCE_ERROR: f32 = 0.25;
 /// Agents of a sheet, and the pixels that it may take; tall agents are fewer.
 const SHEET_AGENTS: f32 = 160.0;
 const SHEET_PIXELS: f32 = 100_000.0;
@@ -114,7 +116,7 @@ fn draw_references(headless: &mut Headless, sheets: &[Sheet]) -> Result<Vec<Seen
     let mut references = Vec::with_capacity(sheets.len());
     for sheet in sheets {
         headless.resize(sheet.size_px.map(|s| s * SUPERSAMPLE))?;
-        let pixels = draw(headless, sheet, Method::Full, 0.0, SUPERSAMPLE)?;
+        let pixels = draw(headless, sheet, Method::Lod, REFERENCE_ERROR, SUPERSAMPLE)?;
         let averaged = linear(&pixels, sheet.size_px, SUPERSAMPLE);
         references.push(Seen::new(&averaged, sheet.size_px));
     }
