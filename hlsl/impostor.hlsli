@@ -23,7 +23,6 @@ struct Placed
     float depth_extent; // metres
     float depth; // of the corner before the quad's centre, metres
     float mip;
-    bool jointed; // follows a joint
 };
 
 float4 ImpostorTexel(uint i)
@@ -64,7 +63,7 @@ uint ViewOf(float3 direction, float view_set, uint first_view, float random)
     float3 w = max(float3(dot(direction, cross(b, c)), dot(direction, cross(c, a)), dot(direction, cross(a, b)))
         * sign(dot(a, cross(b, c))), 0.0);
     // Near the middle of a cell every agent shows its view; towards a border they change one by one.
-    w = max(w - 0.5 * max(w.x, max(w.y, w.z)), 0.0);
+    w = max(w - 0.8 * max(w.x, max(w.y, w.z)), 0.0);
     float at = random * (w.x + w.y + w.z);
     return at < w.x || w.x + w.y + w.z <= 0.0 ? v.x : at < w.x + w.y ? v.y : v.z;
 }
@@ -82,7 +81,6 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     float3 center = texel.xyz;
     float depth_extent = texel.w;
     texel = ImpostorTexel(2u * quad + 1u);
-    float texel_joint = texel.x;
     uint first_tile = uint(texel.y + 0.5);
     uint first_view = uint(texel.z + 0.5);
     uint packed = uint(texel.w + 0.5); // views, and from bit 12 the view set
@@ -140,7 +138,6 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     }
 
     Placed o;
-    o.jointed = texel_joint >= 0.0;
     o.corner = instance.position + float3(
         instance.heading_cos * model.x + instance.heading_sin * model.z,
         scale * model.y,

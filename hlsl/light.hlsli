@@ -30,10 +30,12 @@ uint Hash(uint x)
     return x;
 }
 
-// Colour variety. Rule 0 leaves the colour, 1 varies lightness and warmth a little, 2 dyes it.
-float3 TintedColor(float3 color, uint tint_seed, uint body_part, uint rule)
+// Colour variety; `tint` is the hash of the agent's seed. Rule 0 leaves the colour, 1 varies lightness and warmth a little,
+// 2 dyes it. What depends on the part is cheap enough for every pixel of an impostor.
+float3 TintedColor(float3 color, uint tint, uint body_part, uint rule)
 {
-    uint h = Hash(tint_seed ^ (body_part * 0x9e3779b9u));
+    uint h = (tint ^ (body_part * 0x9e3779b9u)) * 0x846ca68bu;
+    h ^= h >> 15;
     float3 r = float3(h & 0x3ffu, (h >> 10) & 0x3ffu, h >> 20) * float3(1.0 / 1023.0, 1.0 / 1023.0, 1.0 / 4095.0);
     float3 natural = color * (0.62 + 0.55 * r.x) * float3(1.04, 1.0, 0.9 + 0.14 * r.y);
     float3 hue = saturate(abs(frac(r.x + float3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0);

@@ -1,9 +1,9 @@
-//! impostor: the quads of all agents that show an impostor kind, one indirect multi-draw per character with a sub-draw per
-//! kind. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
+//! impostor: the quads of all agents that show an impostor kind, one indirect draw per character
+//! and kind. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use ash::vk;
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Impostors, NO_JOINT, Quad};
+use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Quad, Tile};
 
 use crate::gpu::{Commands, Drawing};
 use crate::gpu_types::{BandInfo, DrawConstants};
@@ -15,25 +15,39 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
     let layout = pipelines.draw_layout;
-    let mut bound = false;
-    for (resident, &agent_count) in drawing.residents.iter().zip(&slot.agent_counts) {
-        if agent_count == 0 || resident.impostor_bin_count == 0 {
-            continue;
+    // What blends comes last.
+    for (soft, pipeline) in [(false, pipelines.impostor), (true, pipelines.impostor_soft)] {
+        let mut bound = false;
+        for (character, resident) in drawing.residents.iter().enumerate() {
+            let bins = || {
+                (resident.first_impostor_bin..)
+                    .zip(&resident.impostor_kinds)
+                    .filter(|&(bin, &k)| is_soft(k) == soft && slot.may_draw(character, bin))
+            };
+            if bins().next().is_none() {
+                continue;
+            }
+            if !bound {
+                c.bind_pipeline(GRAPHICS, pipeline);
+                c.bind_instances(&buffers.instances);
+                c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
+                c.push_constants(layout, mesh::STAGES, &DrawConstants::default());
+                bound = true;
+            }
+            c.bind_set(GRAPHICS, layout, 1, resident.set);
+            c.bind_indices(&resident.indices);
+            for (bin, _) in bins() {
+                c.draw_indexed_indirect(&buffers.draws, bin, 1);
+            }
         }
-        if !bound {
-            c.bind_pipeline(GRAPHICS, pipelines.impostor);
-            c.bind_instances(&buffers.instances);
-            c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
-            c.push_constants(layout, mesh::STAGES, &DrawConstants::default());
-            bound = true;
-        }
-        c.bind_set(GRAPHICS, layout, 1, resident.set);
-        c.bind_indices(&resident.indices);
-        c.draw_indexed_indirect(
-            &buffers.draws,
-            resident.first_bin + resident.band_count,
-            resident.impostor_bin_count,
-        );
+    }
+}
+
+/// A kind whose edges blend.
+fn is_soft(kind: Kind) -> bool {
+    match kind {
+        Kind::Flat => false,
+        Kind::Quad => true,
     }
 }
 
@@ -86,7 +100,7 @@ pub fn texels(impostors: Option<&Impostors>) -> Texels {
         impostors.atlas.width.max(1) as f32,
         impostors.atlas.height.max(1) as f32,
     ];
-    for tile in &impostors.tiles {
+    for tile in &trimmed_tiles(impostors) {
         let [u, v] = [0, 1].map(|i| tile.texel[i] as f32 / atlas[i]);
         let [width, height] = [0, 1].map(|i| tile.size[i] as f32 / atlas[i]);
         texels.push([tile.min[0], tile.min[1], tile.max[0], tile.max[1]]);
@@ -100,6 +114,52 @@ pub fn texels(impostors: Option<&Impostors>) -> Texels {
         first_view,
         first_tile,
     }
+}
+
+/// The tiles without the empty texels around their pictures, but for one on each side, where edges are filtered: pixels
+/// that show nothing cost as much as others.
+pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
+    let atlas = &impostors.atlas;
+    let trim = |tile: &Tile| {
+        let [columns, rows] = tile.size.map(u32::from);
+        let (mut first, mut last) = ([columns, rows], [0, 0]);
+        for y in 0..rows {
+            for x in 0..columns {
+                let column = u32::from(tile.texel[0]) + x;
+                let row = u32::from(tile.texel[1]) + y;
+                if atlas.color[(row * atlas.width + column) as usize][3] > 0 {
+                    first = [first[0].min(x), first[1].min(y)];
+                    last = [last[0].max(x + 1), last[1].max(y + 1)];
+                }
+            }
+        }
+        if first[0] >= last[0] {
+            return *tile;
+        }
+        let first = first.map(|x| x.saturating_sub(1));
+        let last = [(last[0] + 1).min(columns), (last[1] + 1).min(rows)];
+        let texel = [
+            (tile.max[0] - tile.min[0]) / columns as f32,
+            (tile.max[1] - tile.min[1]) / rows as f32,
+        ];
+        Tile {
+            min: [
+                tile.min[0] + first[0] as f32 * texel[0],
+                tile.max[1] - last[1] as f32 * texel[1],
+            ],
+            max: [
+                tile.min[0] + last[0] as f32 * texel[0],
+                tile.max[1] - first[1] as f32 * texel[1],
+            ],
+            texel: [
+                tile.texel[0] + first[0] as u16,
+                tile.texel[1] + first[1] as u16,
+            ],
+            size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
+            lean: tile.lean,
+        }
+    };
+    impostors.tiles.iter().map(trim).collect()
 }
 
 fn joint_texel(quad: &Quad) -> f32 {

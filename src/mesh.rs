@@ -4,7 +4,7 @@
 use ash::vk;
 
 use crate::gpu::{Commands, Drawing};
-use crate::gpu_types::DrawConstants;
+use crate::gpu_types::{BIN_NONE, DrawConstants};
 use crate::reference::select::Selection;
 
 const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
@@ -21,17 +21,21 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
         (Some(_), Some(lists)) => lists,
         _ => &buffers.instances,
     };
-    c.bind_instances(instances);
-    c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
     let mut bound = None;
-    for (resident, &agent_count) in drawing.residents.iter().zip(&slot.agent_counts) {
-        if agent_count == 0 {
+    for (character, resident) in drawing.residents.iter().enumerate() {
+        if !slot.may_draw(character, BIN_NONE) {
             continue;
         }
         for (i, draw) in resident.draws.iter().enumerate() {
             let variant = draw.variant();
             if bound != Some(variant) {
                 c.bind_pipeline(GRAPHICS, pipelines.mesh(variant));
+                if bound.is_none() {
+                    // Not before there is something to draw: lavapipe of Mesa 22.3 crashes in a query that begins with
+                    // vertex buffers and no pipeline.
+                    c.bind_instances(instances);
+                    c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
+                }
                 bound = Some(variant);
             }
             if i == 0 {

@@ -26,10 +26,10 @@ pub struct CostModel {
 impl CostModel {
     /// Mesa's lavapipe on two cores.
     pub const CPU: Self = Self {
-        mesh: 1000.0,
-        triangle: 155.0,
-        quad: 700.0,
-        quad_pixel: 5.0,
+        mesh: 200.0,
+        triangle: 100.0,
+        quad: 1000.0,
+        quad_pixel: 37.0,
     };
     /// A GPU, where vertices and pixels are cheap alike.
     pub const GPU: Self = Self {

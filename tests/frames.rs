@@ -4,7 +4,9 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{assert_silent, baked_mascot, crowd, headless, options, view};
+use common::{
+    assert_silent, baked_mascot, baked_mascot_with_impostors, crowd, headless, options, view,
+};
 use glam::Vec3;
 use throng::gpu::Headless;
 use throng::{Agent, CharacterId, FrameOptions, FrameReport, Method, RenderError, View};
@@ -169,6 +171,34 @@ fn counts_hold_for_crowds_of_any_size() {
                 .sum();
             assert_eq!(live - waiting, report.live_vertices);
         }
+    }
+    assert_silent(&headless);
+}
+
+/// Nothing but impostors, or nothing at all, in a frame without ground and sky.
+#[test]
+fn impostors_are_drawn_alone() {
+    let mut headless = headless(SIZE);
+    let id = headless
+        .add_character(&baked_mascot_with_impostors())
+        .expect("it uploads");
+    for (method, quads) in [(Method::Flat, 2), (Method::Quad, 1)] {
+        let bare = FrameOptions {
+            ground: false,
+            shadows: false,
+            sky: false,
+            ..options(method)
+        };
+        let empty = frame(&mut headless, &[], &bare);
+        assert_eq!((empty.draw_calls, empty.vertex_invocations), (0, Some(0)));
+        let report = frame(&mut headless, &trio(id), &bare);
+        assert_eq!(report.draw_calls, 1, "{method:?}");
+        assert_eq!(report.triangles, 2 * quads * report.visible);
+        assert_eq!(
+            report.vertex_invocations,
+            Some(4 * quads * report.visible),
+            "{method:?}"
+        );
     }
     assert_silent(&headless);
 }

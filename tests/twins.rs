@@ -330,6 +330,7 @@ fn impostors_stand_where_their_twin_puts_them() {
     let mut headless = headless(SIZE);
     let id = headless.add_character(&baked).expect("it uploads");
     let agents = crowd(300, &[id]);
+    let tiles = throng::impostor::trimmed_tiles(impostors);
     let (mut compared, mut moved) = (0, 0);
     for (kind, method) in [Method::Flat, Method::Quad].into_iter().enumerate() {
         let options = options(method);
@@ -355,7 +356,7 @@ fn impostors_stand_where_their_twin_puts_them() {
                 (0..info.quad_count as usize)
                     .flat_map(|q| {
                         let quad = info.first_quad as usize + q;
-                        let cpu = place_quad(&baked, impostors, &frame, instance, quad);
+                        let cpu = place_quad(&baked, impostors, &tiles, &frame, instance, quad);
                         let gpu = &gpu[4 * q..][..4];
                         cpu.into_iter()
                             .zip(gpu)

@@ -52,6 +52,8 @@ pub(crate) struct Pipelines {
     pub mesh_probe: vk::Pipeline,
     pub impostor_probe: vk::Pipeline,
     pub impostor: vk::Pipeline,
+    /// For kinds of one quad, with blended edges.
+    pub impostor_soft: vk::Pipeline,
     pub ground: vk::Pipeline,
     pub shadow: vk::Pipeline,
     pub sky: vk::Pipeline,
@@ -157,6 +159,19 @@ impl Pipelines {
             &DrawState {
                 name: "impostor",
                 modules: ["impostor_vs", "impostor_ps"],
+                instanced: true,
+                constants: &[srgb],
+                cull: vk::CullModeFlags::NONE,
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                depth_write: true,
+                mix: Mix::Replaces,
+            },
+        )?;
+        self.impostor_soft = self.graphics(
+            cx,
+            &DrawState {
+                name: "impostor soft",
+                modules: ["impostor_vs", "impostor_soft_ps"],
                 instanced: true,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
@@ -394,6 +409,7 @@ impl Pipelines {
                 self.mesh_probe,
                 self.impostor_probe,
                 self.impostor,
+                self.impostor_soft,
                 self.ground,
                 self.shadow,
                 self.sky,

@@ -58,10 +58,9 @@ impl Probe {
                     let info = &renderer.tables.submeshes[r.first_submesh as usize + submesh];
                     Some((first, info.vertex_count))
                 }
-                Probed::Impostor(kind) if kind < r.impostor_bin_count as usize => {
-                    let window =
-                        &renderer.tables.bands[(r.first_bin + r.band_count) as usize + kind];
-                    let first = &renderer.tables.bands[(r.first_bin + r.band_count) as usize];
+                Probed::Impostor(kind) if kind < r.impostor_kinds.len() => {
+                    let window = &renderer.tables.bands[r.first_impostor_bin as usize + kind];
+                    let first = &renderer.tables.bands[r.first_impostor_bin as usize];
                     let first_quad = (window.first_index - first.first_index) / 6;
                     Some((4 * first_quad, window.vertex_count))
                 }

@@ -344,14 +344,14 @@ impl Renderer {
         let constants =
             crate::select::frame_constants(view, options, slot.agents.len() as u32, tables);
         slot.constants.write(0, &[constants]);
-        let ranges = tables.ranges(options, &self.costs);
+        slot.ranges = tables.ranges(options, &self.costs);
         if let Some(buffers) = &mut slot.buffers {
-            buffers.ranges.write(0, &ranges);
+            buffers.ranges.write(0, &slot.ranges);
         }
         let mut cpu = None;
         if options.method == Method::Uninstanced {
             let selection =
-                crate::reference::select::select(tables, &ranges, &slot.agents, &constants);
+                crate::reference::select::select(tables, &slot.ranges, &slot.agents, &constants);
             slot.write_cpu_lists(&self.cx, frame, &selection)?;
             cpu = Some(selection);
         }

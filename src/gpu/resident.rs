@@ -21,9 +21,9 @@ pub(crate) struct Resident {
     pub draws: Vec<SubmeshDraw>,
     /// First of its bands in the tables.
     pub first_bin: u32,
-    /// Its bands; the bins of its impostor kinds follow.
-    pub band_count: u32,
-    pub impostor_bin_count: u32,
+    /// First bin of its impostor kinds, which stand in the same order.
+    pub first_impostor_bin: u32,
+    pub impostor_kinds: Vec<throng_bake::impostor::Kind>,
     /// First of its submeshes in the tables.
     pub first_submesh: u32,
     pub indices: Buffer,
@@ -220,8 +220,12 @@ pub(crate) fn make(
     let resident = Resident {
         draws,
         first_bin,
-        band_count: baked.bands.len() as u32,
-        impostor_bin_count: impostor::windows(baked).len() as u32,
+        first_impostor_bin: first_bin + baked.bands.len() as u32,
+        impostor_kinds: baked
+            .impostors
+            .iter()
+            .flat_map(|i| i.kinds.iter().map(|k| k.kind))
+            .collect(),
         first_submesh,
         indices,
         set,

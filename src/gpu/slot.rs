@@ -86,6 +86,8 @@ pub(crate) struct Slot {
     pub agents: Vec<AgentState>,
     /// Agents of each character.
     pub agent_counts: Vec<u32>,
+    /// Of the frame, `[character_count][MAX_RANGES]`.
+    pub ranges: Vec<RangeInfo>,
     pub select_set: vk::DescriptorSet,
     pub draw_set: vk::DescriptorSet,
     pub cpu_draw_set: vk::DescriptorSet,
@@ -197,6 +199,13 @@ fn check_range(cx: &Context, name: &str, bytes: u64) -> Result<(), RenderError> 
 }
 
 impl Slot {
+    /// The character has agents, and some size at which a bin of impostors, or for `BIN_NONE` the mesh, draws them.
+    pub fn may_draw(&self, character: usize, bin: u32) -> bool {
+        let ranges = self.ranges.chunks_exact(MAX_RANGES as usize).nth(character);
+        self.agent_counts.get(character).is_some_and(|&n| n > 0)
+            && ranges.is_some_and(|r| r.iter().any(|r| r.bin == bin))
+    }
+
     pub fn new(cx: &Context, pipelines: &Pipelines, index: usize) -> Result<Self, RenderError> {
         let name = |what: &str| format!("{what} of frame {index}");
         let mut slot = Self {
@@ -211,6 +220,7 @@ impl Slot {
             )?,
             agents: Vec::new(),
             agent_counts: Vec::new(),
+            ranges: Vec::new(),
             select_set: vk::DescriptorSet::null(),
             draw_set: vk::DescriptorSet::null(),
             cpu_draw_set: vk::DescriptorSet::null(),

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Impostors, NO_JOINT, ViewSet};
+use throng_bake::impostor::{Impostors, NO_JOINT, Tile, ViewSet};
 
 use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
 
@@ -23,10 +23,12 @@ pub struct Placed {
     pub mip: f32,
 }
 
-/// The four corners of a quad of an instance: left bottom, right bottom, left top, right top.
+/// The four corners of a quad of an instance: left bottom, right bottom, left top, right top. `tiles` are
+/// [`crate::impostor::trimmed_tiles`].
 pub fn place_quad(
     baked: &Baked,
     impostors: &Impostors,
+    tiles: &[Tile],
     frame: &FrameConstants,
     instance: &Instance,
     quad: usize,
@@ -55,8 +57,7 @@ pub fn place_quad(
         (rows[0].truncate() * eye.x + rows[1].truncate() * eye.y + rows[2].truncate() * eye.z)
             .normalize();
     let view = view_of(set, direction, random(instance.agent(), quad as u32));
-    let tile =
-        &impostors.tiles[q.first_tile as usize + pose * set.directions.len() + view as usize];
+    let tile = &tiles[q.first_tile as usize + pose * set.directions.len() + view as usize];
     let (towards, right) = (set.directions[view as usize], set.rights[view as usize]);
     let up = towards.cross(right);
     let turn = |m: Vec3| Vec3::new(cos * m.x + sin * m.z, scale * m.y, cos * m.z - sin * m.x);
@@ -92,7 +93,7 @@ pub fn view_of(set: &ViewSet, direction: Vec3, random: f32) -> u16 {
     let sign = a.dot(b.cross(c)).signum();
     let w = [b.cross(c), c.cross(a), a.cross(b)].map(|n| (direction.dot(n) * sign).max(0.0));
     let most = w[0].max(w[1]).max(w[2]);
-    let w = w.map(|w| (w - 0.5 * most).max(0.0));
+    let w = w.map(|w| (w - 0.8 * most).max(0.0));
     let sum: f32 = w.iter().sum();
     let at = random * sum;
     if at < w[0] || sum <= 0.0 {
