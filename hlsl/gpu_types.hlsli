@@ -22,7 +22,7 @@
 // Texels in a row of a character's impostor texture.
 #define IMPOSTOR_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.
-#define IMPOSTOR_MIP_BIAS -0.25
+#define IMPOSTOR_MIP_BIAS -0.75
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
 // Bits of a LOD error below its step: 128 steps to a doubling.

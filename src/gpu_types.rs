@@ -25,7 +25,7 @@ pub const FADE_SPAN: f32 = 0.12;
 /// Texels in a row of a character's impostor texture.
 pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
-pub const IMPOSTOR_MIP_BIAS: f32 = -0.25;
+pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
 /// Bits of a LOD error below its step: 128 steps to a doubling.

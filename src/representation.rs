@@ -26,10 +26,10 @@ pub struct CostModel {
 impl CostModel {
     /// Mesa's lavapipe on two cores.
     pub const CPU: Self = Self {
-        mesh: 200.0,
-        triangle: 100.0,
-        quad: 1000.0,
-        quad_pixel: 37.0,
+        mesh: 329.0,
+        triangle: 119.0,
+        quad: 932.0,
+        quad_pixel: 21.4,
     };
     /// A GPU, where vertices and pixels are cheap alike.
     pub const GPU: Self = Self {
