@@ -18,7 +18,7 @@
 #define IMPOSTOR_FADES_OUT 0x10000000u
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
-#define FADE_SPAN 0.12
+#define FADE_SPAN 0.06
 // Texels in a row of a character's impostor texture.
 #define IMPOSTOR_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.

@@ -21,7 +21,7 @@ pub const IMPOSTOR_FADES_OUT: u32 = 0x1000_0000;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
-pub const FADE_SPAN: f32 = 0.12;
+pub const FADE_SPAN: f32 = 0.06;
 /// Texels in a row of a character's impostor texture.
 pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
