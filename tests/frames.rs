@@ -190,15 +190,19 @@ fn impostors_are_drawn_alone() {
             ..options(method)
         };
         let empty = frame(&mut headless, &[], &bare);
-        assert_eq!((empty.draw_calls, empty.vertex_invocations), (0, Some(0)));
+        assert_eq!(empty.draw_calls, 0);
+        assert_eq!(empty.vertex_invocations.unwrap_or(0), 0);
         let report = frame(&mut headless, &trio(id), &bare);
         assert_eq!(report.draw_calls, 1, "{method:?}");
         assert_eq!(report.triangles, 2 * quads * report.visible);
-        assert_eq!(
-            report.vertex_invocations,
-            Some(4 * quads * report.visible),
-            "{method:?}"
-        );
+        // A corner each, or where a driver does not reuse vertices an index each; some do not count.
+        if let Some(runs) = report.vertex_invocations {
+            let corners = 4 * quads * report.visible;
+            assert!(
+                (corners..=corners / 4 * 6).contains(&runs),
+                "{method:?}: {runs}"
+            );
+        }
     }
     assert_silent(&headless);
 }
