@@ -2,10 +2,10 @@
 // Source: Izquierdo 2014, section 4.2; the quads' pictures and cells: bake/src/impostor.
 
 #include "gpu_types.hlsli"
+#include "palette.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
-[[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
 [[vk::binding(6, 1)]] Texture2D<float4> impostor_texture; // quads and views, 2 texels each; tiles, 3
 [[vk::binding(7, 1)]] TextureCubeArray<float4> cells_texture; // three views; by view set
 [[vk::binding(8, 1)]] SamplerState nearest_sampler;
@@ -28,27 +28,6 @@ struct Placed
 float4 ImpostorTexel(uint i)
 {
     return impostor_texture.Load(int3(i % IMPOSTOR_ROW_TEXELS, i / IMPOSTOR_ROW_TEXELS, 0));
-}
-
-// model_from_bind of a joint in an instance's frames.
-void JointRows(Instance instance, uint joint, out float4 row0, out float4 row1, out float4 row2)
-{
-    uint sample_count = (instance.packed >> 3) & 7u;
-    row0 = 0.0;
-    row1 = 0.0;
-    row2 = 0.0;
-    for (uint s = 0u; s < sample_count; s++)
-    {
-        uint entry = (s == 0u ? instance.sample_entries.x : s == 1u ? instance.sample_entries.y
-            : s == 2u ? instance.sample_entries.z : instance.sample_entries.w) + joint;
-        float share = s == 0u ? instance.sample_weights.x : s == 1u ? instance.sample_weights.y
-            : s == 2u ? instance.sample_weights.z : 1.0 - instance.sample_weights.x - instance.sample_weights.y - instance.sample_weights.z;
-        int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
-        int y = int(entry / PALETTE_ROW_ENTRIES);
-        row0 += share * palette_texture.Load(int3(x, y, 0));
-        row1 += share * palette_texture.Load(int3(x + 1, y, 0));
-        row2 += share * palette_texture.Load(int3(x + 2, y, 0));
-    }
 }
 
 // The view whose picture stands for a direction: one of the three around it, each for the share of `random` in [0, 1) that
@@ -93,7 +72,10 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     uint pose = 0u;
     if (texel.x >= 0.0)
     {
-        JointRows(instance, uint(texel.x + 0.5), row0, row1, row2);
+        row0 = 0.0;
+        row1 = 0.0;
+        row2 = 0.0;
+        AddJoint(instance, uint(texel.x + 0.5), 1.0, row0, row1, row2);
     }
     else
     {

@@ -2,12 +2,12 @@
 // Source: Ramos et al. 2012, section 3; the bands and per-instance LOD are ours.
 
 #include "gpu_types.hlsli"
+#include "palette.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
 [[vk::binding(1, 1)]] Texture2D<uint4> vertex_texture; // 2 texels per vertex
 [[vk::binding(2, 1)]] Texture2D<uint2> collapse_texture; // parent, collapse error
-[[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 // A vertex after window extraction and collapse, still packed.
@@ -79,7 +79,6 @@ struct Skinned
 Skinned SkinVertex(PackedVertex v, Instance instance)
 {
     uint influence_count = instance.packed & 7u;
-    uint sample_count = (instance.packed >> 3) & 7u;
     float4 weights = DecodeWeights(v);
     float4 row0 = 0.0;
     float4 row1 = 0.0;
@@ -90,18 +89,7 @@ Skinned SkinVertex(PackedVertex v, Instance instance)
         uint joint = (v.tail.y >> (8u * j)) & 0xffu;
         float weight = j == 0u ? weights.x : j == 1u ? weights.y : j == 2u ? weights.z : weights.w;
         sum += weight;
-        for (uint s = 0u; s < sample_count; s++)
-        {
-            uint entry = (s == 0u ? instance.sample_entries.x : s == 1u ? instance.sample_entries.y
-                : s == 2u ? instance.sample_entries.z : instance.sample_entries.w) + joint;
-            float share = weight * (s == 0u ? instance.sample_weights.x : s == 1u ? instance.sample_weights.y
-                : s == 2u ? instance.sample_weights.z : 1.0 - instance.sample_weights.x - instance.sample_weights.y - instance.sample_weights.z);
-            int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
-            int y = int(entry / PALETTE_ROW_ENTRIES);
-            row0 += share * palette_texture.Load(int3(x, y, 0));
-            row1 += share * palette_texture.Load(int3(x + 1, y, 0));
-            row2 += share * palette_texture.Load(int3(x + 2, y, 0));
-        }
+        AddJoint(instance, joint, weight, row0, row1, row2);
     }
     float4 bind = float4(DecodePosition(v), 1.0);
     float3 normal = DecodeNormal(v);

@@ -83,7 +83,7 @@ macro_rules! shared_structs {
     ($($(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty,)* })*) => {
         $(
             $(#[$meta])*
-            #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+            #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
             #[repr(C)]
             #[allow(missing_docs)] // the fields are explained in hlsl/gpu_types.hlsli
             pub struct $name { $(pub $field: $type,)* }

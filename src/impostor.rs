@@ -1,13 +1,12 @@
-//! impostor: the quads of all agents that show an impostor kind, one indirect draw per character
-//! and kind. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
+//! impostor: the quads of all agents that show an impostor kind, one indirect draw per character and
+//! kind. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use ash::vk;
 use throng_bake::baked::Baked;
 use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Quad, Tile};
 
 use crate::gpu::{Commands, Drawing};
-use crate::gpu_types::{BandInfo, DrawConstants};
-use crate::mesh;
+use crate::gpu_types::BandInfo;
 
 /// Records the draws of every character that has impostors and agents.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
@@ -31,7 +30,6 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
                 c.bind_pipeline(GRAPHICS, pipeline);
                 c.bind_instances(&buffers.instances);
                 c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
-                c.push_constants(layout, mesh::STAGES, &DrawConstants::default());
                 bound = true;
             }
             c.bind_set(GRAPHICS, layout, 1, resident.set);
@@ -51,9 +49,8 @@ fn is_soft(kind: Kind) -> bool {
     }
 }
 
-/// The impostor texture of a character: quads and views of all view sets, two texels each, and
-/// tiles, three. A character without impostors
-/// has one zero.
+/// The impostor texture of a character: quads and views of all view sets, two texels each, and tiles, three. A
+/// character without impostors has one zero.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Texels {
     /// In the order of hlsl/impostor.hlsli.

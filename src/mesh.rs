@@ -3,14 +3,11 @@
 
 use ash::vk;
 
-use crate::gpu::{Commands, Drawing};
+use crate::gpu::{Commands, DRAW_STAGES, Drawing};
 use crate::gpu_types::{BIN_NONE, DrawConstants};
 use crate::reference::select::Selection;
 
 const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
-pub(crate) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
-    vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
-);
 
 /// Records the crowd's draws: from the GPU's lists, or, where the CPU selected, one draw per agent and submesh.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection>) {
@@ -48,7 +45,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
                 probe_vertex_count: 0,
                 probe_instance: 0,
             };
-            c.push_constants(layout, STAGES, &constants);
+            c.push_constants(layout, DRAW_STAGES, &constants);
             let first_bin = resident.first_bin + draw.first_band;
             match cpu {
                 None => c.draw_indexed_indirect(&buffers.draws, first_bin, draw.band_count),

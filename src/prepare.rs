@@ -9,8 +9,8 @@ use throng_bake::quantize::{decode_position, decode_weights};
 use crate::error::RenderError;
 use crate::frame::FrameOptions;
 use crate::gpu_types::{
-    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
-    RangeInfo, SubmeshInfo,
+    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, IMPOSTOR_POSE_MASK,
+    LEVEL_SHIFT, LevelInfo, RangeInfo, SubmeshInfo,
 };
 use crate::impostor;
 use crate::representation::{CostModel, Representations};
@@ -260,9 +260,8 @@ pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
         .collect()
 }
 
-/// Constants of the character's draws.
-pub fn constants(baked: &Baked) -> CharacterConstants {
-    let texels = impostor::texels(baked.impostors.as_ref());
+/// Constants of the character's draws; `texels` are of its impostors.
+pub fn constants(baked: &Baked, texels: &impostor::Texels) -> CharacterConstants {
     let atlas = baked.impostors.as_ref().map(|i| &i.atlas);
     CharacterConstants {
         position_min: baked.position_min.into(),
@@ -386,6 +385,14 @@ pub fn validate(baked: &Baked) -> Result<(), RenderError> {
             character: baked.name.clone(),
             place: "clips".into(),
             reason: "there are more than 65,536".into(),
+        });
+    }
+    let poses = baked.impostors.iter().flat_map(|i| &i.clip_poses);
+    if poses.map(|r| u64::from(r.pose_count)).sum::<u64>() > u64::from(IMPOSTOR_POSE_MASK) + 1 {
+        return Err(RenderError::BadCharacter {
+            character: baked.name.clone(),
+            place: "impostors".into(),
+            reason: "there are more than 1,048,576 poses".into(),
         });
     }
     throng_bake::validate::validate(baked).map_err(|(place, reason)| RenderError::BadCharacter {

@@ -23,4 +23,5 @@ pub use own_device::{DeviceInfo, list_devices, tune_allocator_for_cpu};
 pub use renderer::{DeviceHandles, Renderer, RendererDesc};
 
 pub(crate) use commands::{Access, Commands};
+pub(crate) use pipeline::DRAW_STAGES;
 pub(crate) use renderer::Drawing;

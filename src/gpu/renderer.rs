@@ -50,7 +50,8 @@ pub struct RendererDesc<'a> {
     pub reversed_depth: bool,
     /// Copies the instance lists back for `selection`: for tests.
     pub keep_lists: bool,
-    /// What drawing costs on the device, for [`Method::Hybrid`]; `None` takes measured values for its kind.
+    /// What drawing costs on the device, for [`Method::Hybrid`]; `None` takes [`CostModel::CPU`] or
+    /// [`CostModel::GPU`], by its kind.
     pub costs: Option<CostModel>,
 }
 
@@ -454,7 +455,7 @@ impl Renderer {
             c.label("sky", |c| crate::sky::record(c, &drawing));
         }
         stamp(c, slot, Stamp::SkyEnd);
-        // Behind everything else, because their edges let it through.
+        // After everything else, because their edges let it through.
         count_vertices(c, 1, &mut |c| {
             if recorded.cpu.is_none() {
                 c.label("impostor", |c| crate::impostor::record(c, &drawing));

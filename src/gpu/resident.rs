@@ -177,7 +177,8 @@ pub(crate) fn make(
         ImageShape::Array,
     )?;
     images.push(copies);
-    make_impostors(&mut made, &mut staging, &mut images, baked)?;
+    let texels = impostor::texels(baked.impostors.as_ref());
+    make_impostors(&mut made, &mut staging, &mut images, baked, &texels)?;
 
     let quad_count = baked.impostors.as_ref().map_or(0, |i| i.quads.len() as u32);
     let mut indices = baked.indices.clone();
@@ -214,7 +215,7 @@ pub(crate) fn make(
         unreachable!("three buffers were made above");
     };
     staging_buffer.write(0, &staging.bytes);
-    constants.write(0, &[prepare::constants(baked)]);
+    constants.write(0, &[prepare::constants(baked, &texels)]);
     write_buffers(cx, set, &[(Kind::Uniform, &constants)]);
     write_images(cx, set, &resident_images, pipelines);
     let resident = Resident {
@@ -279,11 +280,11 @@ fn make_impostors(
     staging: &mut Staging,
     images: &mut Vec<Vec<vk::BufferImageCopy>>,
     baked: &Baked,
+    texels: &impostor::Texels,
 ) -> Result<(), RenderError> {
     let name = |what: &str| format!("{} {what}", baked.name);
     let impostors = baked.impostors.as_ref();
-    let texels = impostor::texels(impostors).texels;
-    let (copies, rows) = staging.push_rows(&texels, IMPOSTOR_ROW_TEXELS);
+    let (copies, rows) = staging.push_rows(&texels.texels, IMPOSTOR_ROW_TEXELS);
     made.image(
         &name("impostors"),
         vk::Format::R32G32B32A32_SFLOAT,
@@ -354,6 +355,8 @@ fn make_impostors(
     }
     Ok(())
 }
+
+const _: () = assert!(throng_bake::impostor::views::MAX_VIEWS <= 2048);
 
 /// A whole number below 2,048 as a half.
 fn half(n: u16) -> u16 {

@@ -14,8 +14,8 @@ use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use super::{CUBE_SIZE, ViewSet};
 
-/// Most directions of a view set: what the shader may name, with room to spare.
-pub const MAX_VIEWS: usize = 4096;
+/// Most directions of a view set: the device's cube maps hold their numbers as halves, which are exact up to here.
+pub const MAX_VIEWS: usize = 2048;
 
 impl ViewSet {
     /// The vertices of an icosahedron with every edge cut into `cuts` parts (`10 cuts^2 + 2`) whose height on the unit

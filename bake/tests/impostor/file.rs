@@ -75,7 +75,7 @@ type Break = fn(&mut Impostors);
 
 #[test]
 fn each_broken_rule_is_named() {
-    let broken: [(&str, Break); 21] = [
+    let broken: [(&str, Break); 23] = [
         ("its mips", |i| i.atlas.mip_count = 9),
         ("size is not valid", |i| i.atlas.width = 65),
         ("its pixels", |i| i.atlas.height += 64),
@@ -87,6 +87,12 @@ fn each_broken_rule_is_named() {
         }),
         ("cubes", |i| i.view_sets[0].cells.truncate(5)),
         ("axes", |i| i.view_sets[0].rights.truncate(5)),
+        ("not whole", |i| {
+            let set = &mut i.view_sets[0];
+            set.directions.resize(2049, glam::Vec3::X);
+            set.rights.resize(2049, glam::Vec3::Y);
+        }),
+        ("its plane", |i| i.tiles[0].lean = [9.0, 0.0, 0.0]),
         ("not those of the clips", |i| i.clip_poses.clear()),
         ("do not follow", |i| i.clip_poses[0].pose_count = 0),
         ("tiles do not exist", |i| {
