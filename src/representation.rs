@@ -24,14 +24,14 @@ pub struct CostModel {
 }
 
 impl CostModel {
-    /// Mesa's lavapipe on two cores.
+    /// Mesa's lavapipe on two cores, as `throng bench height` fits it.
     pub const CPU: Self = Self {
         mesh: 329.0,
         triangle: 119.0,
         quad: 932.0,
         quad_pixel: 21.4,
     };
-    /// A GPU, where vertices and pixels are cheap alike.
+    /// A GPU: an estimate, not measured, that takes vertices and pixels for cheap alike.
     pub const GPU: Self = Self {
         mesh: 2.0,
         triangle: 0.5,

@@ -189,10 +189,9 @@ fn a_tube_keeps_its_bend() {
     assert!(within(0.7, 1.3) > 4 * (within(0.1, 0.7) + within(1.3, 1.9)));
 }
 
-#[test]
-fn submeshes_that_touch_do_not_crack() {
-    // The two halves of a tube in two materials, one of them double-sided: two submeshes with a common border.
-    let whole = tube(16, 17, Vec3::ZERO, 0.3, 0);
+/// A tube of so many rings, cut in the middle: the upper half has the second material.
+fn halves(rings: usize) -> [Part; 2] {
+    let whole = tube(16, rings, Vec3::ZERO, 0.3, 0);
     let mut halves = [whole.clone(), whole.clone()];
     halves[1].material = 1;
     for (i, half) in halves.iter_mut().enumerate() {
@@ -201,6 +200,13 @@ fn submeshes_that_touch_do_not_crack() {
             (middle / 3.0 > 1.0) == (i == 1)
         });
     }
+    halves
+}
+
+#[test]
+fn submeshes_that_touch_do_not_crack() {
+    // The two halves of a tube in two materials, one of them double-sided: two submeshes with a common border.
+    let halves = halves(17);
     let double = Material {
         name: "double".into(),
         double_sided: true,
@@ -259,15 +265,7 @@ fn a_coarse_tube_is_as_thick_as_the_full_one() {
 #[test]
 fn coarse_levels_show_body_parts_by_their_area() {
     // A tube in two colours, split along its middle: no vertex of a coarse level mixes them.
-    let whole = tube(16, 33, Vec3::ZERO, 0.3, 0);
-    let mut halves = [whole.clone(), whole.clone()];
-    halves[1].material = 1;
-    for (i, half) in halves.iter_mut().enumerate() {
-        half.triangles.retain(|t| {
-            let middle: f32 = t.iter().map(|&v| whole.positions[v as usize].y).sum();
-            (middle / 3.0 > 1.0) == (i == 1)
-        });
-    }
+    let halves = halves(33);
     let colored = |r: f32, b: f32| Material {
         base_color: [r, 0.0, b, 1.0],
         ..Default::default()

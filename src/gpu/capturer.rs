@@ -14,7 +14,7 @@ use super::descriptors::{allocate_set, descriptor_pool, set_layout, write_buffer
 use super::headless::{Headless, dropped};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{
-    ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout, shader, stage,
+    ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout, with_stages,
 };
 use super::resident::{self, Resident};
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};
@@ -482,24 +482,12 @@ fn pipeline(
     let specialization = vk::SpecializationInfo::default()
         .map_entries(&entries)
         .data(bytemuck::cast_slice(&values));
-    let (vs, ps) = (shader(cx, "capture_vs"), shader(cx, "capture_ps"));
-    let made = match (&vs, &ps) {
-        (Ok(vs), Ok(ps)) => {
-            let stages = [
-                stage(*vs, vk::ShaderStageFlags::VERTEX, &specialization),
-                stage(*ps, vk::ShaderStageFlags::FRAGMENT, &specialization),
-            ];
-            pipeline_from_stages(cx, layout, &stages, variant.double_sided)
-        }
-        _ => Ok(vk::Pipeline::null()),
-    };
-    for module in [&vs, &ps].into_iter().flatten() {
-        // SAFETY: modules may go once the pipeline is made.
-        unsafe { cx.device.destroy_shader_module(*module, None) };
-    }
-    vs?;
-    ps?;
-    made
+    with_stages(
+        cx,
+        ["capture_vs", "capture_ps"],
+        &specialization,
+        |stages| pipeline_from_stages(cx, layout, stages, variant.double_sided),
+    )
 }
 
 fn pipeline_from_stages(

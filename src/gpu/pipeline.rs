@@ -154,30 +154,24 @@ impl Pipelines {
         self.mesh_probe = compute(cx, "mesh_probe", self.probe_layout)?;
         self.impostor_probe = compute(cx, "impostor_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
-        self.impostor = self.graphics(
-            cx,
-            &DrawState {
-                name: "impostor",
-                modules: ["impostor_vs", "impostor_ps"],
-                instanced: true,
-                constants: &[srgb],
-                cull: vk::CullModeFlags::NONE,
-                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
-                depth_write: true,
-                mix: Mix::Replaces,
-            },
-        )?;
+        let impostor = DrawState {
+            name: "impostor",
+            modules: ["impostor_vs", "impostor_ps"],
+            instanced: true,
+            constants: &[srgb],
+            cull: vk::CullModeFlags::NONE,
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            depth_write: true,
+            mix: Mix::Replaces,
+        };
+        self.impostor = self.graphics(cx, &impostor)?;
         self.impostor_soft = self.graphics(
             cx,
             &DrawState {
                 name: "impostor soft",
                 modules: ["impostor_vs", "impostor_soft_ps"],
-                instanced: true,
-                constants: &[srgb],
-                cull: vk::CullModeFlags::NONE,
-                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
-                depth_write: true,
                 mix: Mix::Covers,
+                ..impostor
             },
         )?;
         self.ground = self.graphics(
@@ -290,24 +284,9 @@ impl Pipelines {
         let specialization = vk::SpecializationInfo::default()
             .map_entries(&entries)
             .data(bytemuck::cast_slice(&values));
-        let [vs, ps] = state.modules.map(|m| shader(cx, m));
-        let pipeline = match (&vs, &ps) {
-            (Ok(vs), Ok(ps)) => {
-                let stages = [
-                    stage(*vs, vk::ShaderStageFlags::VERTEX, &specialization),
-                    stage(*ps, vk::ShaderStageFlags::FRAGMENT, &specialization),
-                ];
-                self.graphics_from_stages(cx, state, &stages)
-            }
-            _ => Ok(vk::Pipeline::null()),
-        };
-        for module in [&vs, &ps].into_iter().flatten() {
-            // SAFETY: modules may go once the pipeline is made.
-            unsafe { cx.device.destroy_shader_module(*module, None) };
-        }
-        vs?;
-        ps?;
-        pipeline
+        with_stages(cx, state.modules, &specialization, |stages| {
+            self.graphics_from_stages(cx, state, stages)
+        })
     }
 
     fn graphics_from_stages(
@@ -472,7 +451,31 @@ fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, 
     Ok(sampler)
 }
 
-pub(super) fn stage<'a>(
+/// What `make` makes of a vertex and a fragment module, which only live so long.
+pub(super) fn with_stages(
+    cx: &Context,
+    modules: [&str; 2],
+    specialization: &vk::SpecializationInfo,
+    make: impl FnOnce(&[vk::PipelineShaderStageCreateInfo]) -> Result<vk::Pipeline, RenderError>,
+) -> Result<vk::Pipeline, RenderError> {
+    let [vs, ps] = modules.map(|m| shader(cx, m));
+    let made = match (&vs, &ps) {
+        (Ok(vs), Ok(ps)) => make(&[
+            stage(*vs, vk::ShaderStageFlags::VERTEX, specialization),
+            stage(*ps, vk::ShaderStageFlags::FRAGMENT, specialization),
+        ]),
+        _ => Ok(vk::Pipeline::null()),
+    };
+    for module in [&vs, &ps].into_iter().flatten() {
+        // SAFETY: modules may go once the pipeline is made.
+        unsafe { cx.device.destroy_shader_module(*module, None) };
+    }
+    vs?;
+    ps?;
+    made
+}
+
+fn stage<'a>(
     module: vk::ShaderModule,
     stage: vk::ShaderStageFlags,
     specialization: &'a vk::SpecializationInfo<'a>,
@@ -484,7 +487,7 @@ pub(super) fn stage<'a>(
         .specialization_info(specialization)
 }
 
-pub(super) fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
+fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
     let spirv = MODULES
         .iter()
         .find(|m: &&Module| m.name == name)

@@ -36,6 +36,13 @@ struct Question {
     supersample: u32,
 }
 
+/// Whom all questions are about.
+struct Subject<'a> {
+    baked: &'a Baked,
+    groups: &'a Groups,
+    shots: &'a [Shot],
+}
+
 /// Takes the pictures and averages them to cropped pictures, parallel to the plan's shots.
 pub(super) fn take<E>(
     baked: &Baked,
@@ -50,7 +57,12 @@ pub(super) fn take<E>(
     let flat = |shot: &&Shot| shot.group.is_some();
     let mask_count = shots.iter().filter(flat).count() * sample_count;
     let total = (mask_count + shots.len()).max(1) as f32;
-    let masks = masks(baked, groups, options, shots, capture, &mut |n| {
+    let subject = Subject {
+        baked,
+        groups,
+        shots,
+    };
+    let masks = masks(&subject, options, capture, &mut |n| {
         progress(n as f32 / total)
     })?;
     let questions: Vec<Question> = shots
@@ -75,9 +87,7 @@ pub(super) fn take<E>(
     };
     let mut heard = |n: usize| progress((mask_count + n) as f32 / total);
     ask(
-        baked,
-        groups,
-        shots,
+        &subject,
         &questions,
         &palette,
         capture,
@@ -90,10 +100,8 @@ pub(super) fn take<E>(
 /// How many of the realisations have the body at each texel of each group's pictures, `[shot][texel]`; empty without
 /// realisations. Shots of groups come first.
 fn masks<E>(
-    baked: &Baked,
-    groups: &Groups,
+    subject: &Subject,
     options: &ImpostorOptions,
-    shots: &[Shot],
     capture: &mut Capture<E>,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<Vec<f32>>, BuildError<E>> {
@@ -101,10 +109,10 @@ fn masks<E>(
     if count == 0 {
         return Ok(Vec::new());
     }
-    let poses = realise::realisations(baked, groups, options.mask_samples);
+    let poses = realise::realisations(subject.baked, subject.groups, options.mask_samples);
     let mut questions = Vec::new();
     let mut shares = Vec::new();
-    for (shot, s) in shots.iter().enumerate() {
+    for (shot, s) in subject.shots.iter().enumerate() {
         let Some(group) = s.group else { break };
         shares.push(vec![0.0; (s.size.x * s.size.y) as usize]);
         questions.extend((0..count).map(|k| Question {
@@ -121,9 +129,7 @@ fn masks<E>(
         }
     };
     ask(
-        baked,
-        groups,
-        shots,
+        subject,
         &questions,
         &palette,
         capture,
@@ -134,14 +140,8 @@ fn masks<E>(
 }
 
 /// Asks all questions in their order, in bounded batches; `answer` hears each answer, `progress` how many there were.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "the two users differ in all of them"
-)]
 fn ask<E>(
-    baked: &Baked,
-    groups: &Groups,
-    shots: &[Shot],
+    subject: &Subject,
     questions: &[Question],
     palette: &dyn Fn(usize) -> Vec<PaletteEntry>,
     capture: &mut Capture<E>,
@@ -152,7 +152,7 @@ fn ask<E>(
     while next < questions.len() {
         progress(next);
         let mut batch = CaptureBatch {
-            groups: groups.of_joint.clone(),
+            groups: subject.groups.of_joint.clone(),
             error: f32::INFINITY,
             ..CaptureBatch::default()
         };
@@ -161,7 +161,7 @@ fn ask<E>(
         // By pose: where its palette stands in the batch.
         let mut posed = std::collections::HashMap::new();
         while let Some(question) = questions.get(next) {
-            let shot = &shots[question.shot];
+            let shot = &subject.shots[question.shot];
             let samples = u64::from(question.supersample * question.supersample);
             let size = u64::from(shot.size.x * shot.size.y) * samples * PIXEL_BYTES;
             // The level of detail is one of the batch's: pictures of other texels wait for the next.
@@ -179,7 +179,7 @@ fn ask<E>(
             batch.error = batch.error.min(error);
             let pose = *posed.entry(question.pose).or_insert_with(|| {
                 batch.poses.extend(palette(question.pose));
-                (batch.poses.len() / baked.joints.len()) as u32 - 1
+                (batch.poses.len() / subject.baked.joints.len()) as u32 - 1
             });
             batch
                 .views

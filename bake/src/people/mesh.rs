@@ -30,10 +30,7 @@ struct Wedge {
 ///
 /// `height` is the size of the front projection that texture coordinates come from. Where `importance` is above 1, bends of
 /// the surface keep that many times more weight.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "one call site, each a plain array"
-)]
+#[allow(clippy::too_many_arguments, reason = "one call site, plain arrays")]
 pub fn parts(
     model: &Model,
     surface: &Surface,

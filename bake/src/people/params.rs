@@ -88,10 +88,7 @@ pub struct Head {
 /// Cut of the hair.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Hair {
     Bald,
     Fringe,
@@ -107,10 +104,7 @@ pub enum Hair {
 /// Beard.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Beard {
     #[default]
     None,
@@ -121,10 +115,7 @@ pub enum Beard {
 /// Worn on the head.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Hat {
     #[default]
     None,
@@ -166,10 +157,7 @@ pub struct Clothes {
 /// Upper body.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Top {
     Suit,
     Shirt,
@@ -185,10 +173,7 @@ pub enum Top {
 /// Lower body.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Bottom {
     Trousers,
     Jeans,
@@ -201,10 +186,7 @@ pub enum Bottom {
 /// Feet.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(
-    missing_docs,
-    reason = "the names say it; assets/characters/README.md describes them"
-)]
+#[allow(missing_docs, reason = "described in assets/characters/README.md")]
 pub enum Shoes {
     Leather,
     Sneakers,

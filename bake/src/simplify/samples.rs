@@ -196,27 +196,11 @@ impl Samples {
     /// The same if the corners of wedge `from` go to its twin `to`. [`Samples::commit_twin`] then does it.
     pub fn try_twin(&mut self, surface: &Surface, point: u32, from: u32, to: u32) -> f64 {
         let moves = [WedgeMove { from, to: Some(to) }];
-        let trial = &mut self.trial;
-        trial.samples.clear();
-        trial.faces.clear();
-        trial.best.clear();
-        for &f in &surface.faces_of[point as usize] {
-            let face = &surface.faces[f as usize];
-            if !face.wedges.contains(&from) {
-                continue;
-            }
-            trial.samples.extend(&self.of_face[f as usize]);
-            let here = Nearest {
-                mean: 0.0,
-                face: trial.faces.len() as u32,
-            };
-            trial.best.resize(trial.samples.len(), here);
-            trial.faces.push(TrialFace {
-                face: f,
-                points: face.points,
-                wedges: face.wedges.map(|w| moved(&moves, w)),
-            });
-        }
+        self.stay(surface, point, |wedges| {
+            wedges
+                .contains(&from)
+                .then(|| wedges.map(|w| moved(&moves, w)))
+        });
         // Distances stay as they are: only the looks change.
         let mut contrast = 0.0;
         for (i, &sample) in self.trial.samples.iter().enumerate() {
@@ -363,6 +347,37 @@ impl Samples {
     /// Squared distance that weighs as much as a contrast of 1, at this level.
     pub fn look_weight(&self) -> f64 {
         self.look_weight
+    }
+
+    /// Makes a trial in which the faces around `point` stay where they are, with the wedges that `wedges` gives each; those it
+    /// gives none are no part of it.
+    fn stay(
+        &mut self,
+        surface: &Surface,
+        point: u32,
+        wedges: impl Fn([u32; 3]) -> Option<[u32; 3]>,
+    ) {
+        let trial = &mut self.trial;
+        trial.samples.clear();
+        trial.faces.clear();
+        trial.best.clear();
+        for &f in &surface.faces_of[point as usize] {
+            let face = &surface.faces[f as usize];
+            let Some(wedges) = wedges(face.wedges) else {
+                continue;
+            };
+            trial.samples.extend(&self.of_face[f as usize]);
+            let here = Nearest {
+                mean: 0.0,
+                face: trial.faces.len() as u32,
+            };
+            trial.best.resize(trial.samples.len(), here);
+            trial.faces.push(TrialFace {
+                face: f,
+                points: face.points,
+                wedges,
+            });
+        }
     }
 
     /// Carries out what [`Samples::try_twin`] was last asked for.

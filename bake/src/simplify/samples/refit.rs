@@ -162,24 +162,7 @@ impl Samples {
 
     /// Measures again what the samples around `point` look like.
     pub fn look_again(&mut self, surface: &Surface, point: u32) {
-        let trial = &mut self.trial;
-        trial.samples.clear();
-        trial.faces.clear();
-        trial.best.clear();
-        for &f in &surface.faces_of[point as usize] {
-            let face = &surface.faces[f as usize];
-            trial.samples.extend(&self.of_face[f as usize]);
-            let here = Nearest {
-                mean: 0.0,
-                face: trial.faces.len() as u32,
-            };
-            trial.best.resize(trial.samples.len(), here);
-            trial.faces.push(TrialFace {
-                face: f,
-                points: face.points,
-                wedges: face.wedges,
-            });
-        }
+        self.stay(surface, point, Some);
         self.commit_twin(surface);
     }
 }
