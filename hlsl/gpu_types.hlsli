@@ -48,6 +48,8 @@
 // FrameConstants::flags.
 #define FLAG_FULL_DETAIL 1u
 #define FLAG_STILL 2u
+// FrameConstants::ground_color: there is one.
+#define GROUND_PLAIN 0x80000000u
 
 // One member of the crowd, as the host states it.
 struct AgentState
@@ -194,7 +196,7 @@ struct FrameConstants
     float haze_per_metre;
     uint flags;
     float pixel_angle; // metres in a pixel per metre of distance
-    uint padding0;
+    uint ground_color; // square roots of red, green, blue in bytes from the lowest, and GROUND_PLAIN; 0: paved
     uint padding1;
 };
 

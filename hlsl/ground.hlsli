@@ -21,8 +21,8 @@ float2 JointShare(float2 p, float2 width)
     return saturate((floor(a) + min(frac(a) / JOINT, 1.0) - floor(b) - min(frac(b) / JOINT, 1.0)) * JOINT / width);
 }
 
-// Linear colour of the ground at an offset from the camera's foot point, metres. For pixel shaders: takes derivatives.
-float3 GroundColor(float2 offset)
+// Reflectance of the paving at an offset from the camera's foot point, metres. Takes derivatives.
+float3 PavingColor(float2 offset)
 {
     float2 p = (frame.eye.xz + offset) / SLAB;
     float2 width = max(abs(ddx(offset)) + abs(ddy(offset)), 1e-4) / SLAB;
@@ -35,7 +35,19 @@ float3 GroundColor(float2 offset)
     hash = (hash ^ (hash >> 15)) * 0x2c1b3c6du;
     float lightness = float((hash >> 8) & 0xffu) * (1.0 / 255.0) - 0.5;
     float near_share = saturate(1.5 - 2.0 * max(width.x, width.y));
-    float3 albedo = float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
+    return float3(0.40, 0.385, 0.36) * (1.0 + 0.16 * lightness * near_share) * (1.0 - 0.4 * joint);
+}
+
+// Linear colour of the ground at an offset from the camera's foot point, metres. For pixel shaders.
+float3 GroundColor(float2 offset)
+{
+    uint plain = frame.ground_color;
+    float3 albedo = float3(plain & 0xffu, (plain >> 8) & 0xffu, (plain >> 16) & 0xffu) * (1.0 / 255.0);
+    albedo *= albedo;
+    if ((plain & GROUND_PLAIN) == 0u)
+    {
+        albedo = PavingColor(offset);
+    }
 
     float3 light = frame.sun * saturate(frame.to_sun.y) + frame.sky;
     float distance = sqrt(dot(offset, offset) + frame.eye.y * frame.eye.y);

@@ -186,6 +186,8 @@ pub struct FrameOptions {
     pub animate: bool,
     /// Draws the ground plane (y = 0).
     pub ground: bool,
+    /// Linear colour of the ground, each channel from 0 to 1 and kept in 255 steps of its root; paved where absent.
+    pub ground_color: Option<Vec3>,
     /// Draws a soft contact shadow under every agent, where the ground is drawn. Where shadows overlap, the darkest counts.
     pub shadows: bool,
     /// Draws the sky behind everything.
@@ -201,6 +203,7 @@ impl Default for FrameOptions {
             pixel_error: 1.0,
             animate: true,
             ground: true,
+            ground_color: None,
             shadows: true,
             sky: true,
             light: Light::default(),

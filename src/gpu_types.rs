@@ -56,6 +56,8 @@ pub const CAPTURE_DEPTH_REACH: f32 = 8.0;
 pub const FLAG_FULL_DETAIL: u32 = 1;
 /// No animation.
 pub const FLAG_STILL: u32 = 2;
+/// `FrameConstants::ground_color` holds a colour.
+pub const GROUND_PLAIN: u32 = 0x8000_0000;
 
 /// One field of a shared struct.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -222,7 +224,7 @@ shared_structs! {
         haze_per_metre: f32,
         flags: u32,
         pixel_angle: f32,
-        padding0: u32,
+        ground_color: u32,
         padding1: u32,
     }
     /// A character's constants for drawing.

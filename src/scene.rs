@@ -16,15 +16,25 @@ mod check;
 mod crowd;
 mod motion;
 
+use crowd::ring_starts;
 pub use crowd::{Crowd, find_clip, lowest_point, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;
 
 /// Scenes inside the program: name and TOML.
-const BUILTIN: [(&str, &str); 3] = [
+const BUILTIN: [(&str, &str); 9] = [
+    ("street", include_str!("../assets/scenes/street.toml")),
     ("plaza", include_str!("../assets/scenes/plaza.toml")),
     ("plaza_air", include_str!("../assets/scenes/plaza_air.toml")),
+    ("stampede", include_str!("../assets/scenes/stampede.toml")),
+    ("file", include_str!("../assets/scenes/file.toml")),
+    ("scale", include_str!("../assets/scenes/scale.toml")),
+    ("foxes", include_str!("../assets/scenes/foxes.toml")),
+    (
+        "pedestrians",
+        include_str!("../assets/scenes/pedestrians.toml"),
+    ),
     ("lineup", include_str!("../assets/scenes/lineup.toml")),
 ];
 
@@ -78,6 +88,10 @@ pub struct Scene {
     /// Frame F shows the time F / this.
     #[serde(default = "default_frames_per_second")]
     pub frames_per_second: f32,
+    /// Scales characters that take the place of the scene's own ([`Scene::set_characters`]): a scene that is laid out for
+    /// models in other units says so here.
+    #[serde(default = "one")]
+    pub stand_in_scale: f32,
     /// Who may appear.
     #[serde(rename = "character", default)]
     pub characters: Vec<SceneCharacter>,
@@ -93,6 +107,8 @@ pub struct Scene {
     /// The ground plane y = 0 is drawn.
     #[serde(default = "yes")]
     pub ground: bool,
+    /// Linear colour of the ground, each channel from 0 to 1; paved where absent.
+    pub ground_color: Option<Vec3>,
     /// The sky is drawn.
     #[serde(default = "yes")]
     pub sky: bool,
@@ -182,6 +198,32 @@ pub enum Area {
         /// Agents in a row.
         columns: u32,
     },
+    /// From near to far over a sector of a circle, at a density: more agents reach farther out.
+    Fan {
+        /// The sector's corner.
+        #[serde(default)]
+        center: Vec2,
+        /// Direction of its middle, as agents' headings.
+        #[serde(default)]
+        heading_deg: f32,
+        /// Angle between its sides, less than 180.
+        angle_deg: f32,
+        /// Nearer to the corner there is nobody.
+        radius_min: f32,
+        /// Agents per square metre.
+        density: f32,
+    },
+    /// Circles around a point, filled from the inside; characters take turns. Those who `wander` follow their circle, every
+    /// other circle the other way round.
+    Rings {
+        /// Of all circles.
+        #[serde(default)]
+        center: Vec2,
+        /// Between circles, and the radius of the first.
+        ring_spacing: f32,
+        /// Least distance along a circle from one agent to the next.
+        spacing: f32,
+    },
 }
 
 /// How the agents of a crowd move. Always a closed formula of time, at constant speed.
@@ -226,6 +268,9 @@ pub struct SceneCamera {
     /// A point in the middle of the picture.
     #[serde(default)]
     pub target: Vec3,
+    /// `position` and `target` are multiples of the radius of the first ring outside of all agents in `rings`.
+    #[serde(default)]
+    pub by_rings: bool,
     /// Angle between the picture's lower and upper edge.
     #[serde(default = "default_fov_y_deg")]
     pub fov_y_deg: f32,
@@ -395,6 +440,34 @@ impl Scene {
         }
     }
 
+    /// Eye and target of a camera at a time; `None` where there is no such camera.
+    pub fn camera_at(&self, camera: usize, time: f32) -> Option<(Vec3, Vec3)> {
+        let camera = self.cameras.get(camera)?;
+        let (position, target) = camera.at(time);
+        let unit = if camera.by_rings {
+            self.outer_radius()
+        } else {
+            1.0
+        };
+        Some((position * unit, target * unit))
+    }
+
+    /// Radius of the first ring outside of all agents, metres.
+    fn outer_radius(&self) -> f32 {
+        let outer = |crowd: &SceneCrowd| match crowd.area {
+            Some(Area::Rings {
+                ring_spacing,
+                spacing,
+                ..
+            }) => {
+                let rings = ring_starts(crowd.count? as usize, ring_spacing, spacing).len();
+                Some((rings + 1) as f32 * ring_spacing)
+            }
+            _ => None,
+        };
+        self.crowds.iter().filter_map(outer).fold(1.0, f32::max)
+    }
+
     /// Replaces the characters by others of equal share that every crowd consists of.
     pub fn set_characters(&mut self, sources: &[String]) {
         self.characters = sources
@@ -404,7 +477,7 @@ impl Scene {
                 source: source.clone(),
                 share: 1.0,
                 height: None,
-                scale: 1.0,
+                scale: self.stand_in_scale,
                 stand: true,
             })
             .collect();

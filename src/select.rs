@@ -6,7 +6,9 @@ use glam::{Mat4, Vec4};
 
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu::{Access, Commands, Drawing};
-use crate::gpu_types::{FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants, SELECT_GROUP_SIZE};
+use crate::gpu_types::{
+    FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants, GROUND_PLAIN, SELECT_GROUP_SIZE,
+};
 use crate::prepare::Tables;
 
 /// Linear colour of the air at the horizon, as a share of the sky's light.
@@ -48,9 +50,17 @@ pub fn frame_constants(
         haze_per_metre: HAZE_PER_METRE,
         flags,
         pixel_angle: view.pixel_angle(),
-        padding0: 0,
+        ground_color: options.ground_color.map_or(0, packed_color),
         padding1: 0,
     }
+}
+
+/// `FrameConstants::ground_color` of a plain ground.
+fn packed_color(linear: glam::Vec3) -> u32 {
+    let [r, g, b] = linear
+        .to_array()
+        .map(|x| (x.clamp(0.0, 1.0).sqrt() * 255.0).round() as u32);
+    GROUND_PLAIN | r | g << 8 | b << 16
 }
 
 /// The six planes of a frustum, inward and of unit length. A plane at infinity holds everything.

@@ -339,6 +339,7 @@ fn shared_numbers_are_equal() {
         ("TALLY_BINS", t::TALLY_BINS as f64),
         ("FLAG_FULL_DETAIL", t::FLAG_FULL_DETAIL as f64),
         ("FLAG_STILL", t::FLAG_STILL as f64),
+        ("GROUND_PLAIN", t::GROUND_PLAIN as f64),
         ("CAPTURE_ALL_GROUPS", t::CAPTURE_ALL_GROUPS as f64),
         ("CAPTURE_WEIGHT_MIN", t::CAPTURE_WEIGHT_MIN as f64),
         ("CAPTURE_DEPTH_REACH", t::CAPTURE_DEPTH_REACH as f64),

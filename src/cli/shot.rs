@@ -152,9 +152,12 @@ impl Shot {
     /// The camera at a time, for a picture of `size_px`.
     pub fn view(&self, time: f32, size_px: [u32; 2]) -> View {
         let default_fov_y_deg: f32 = 30.0;
-        match self.camera.and_then(|i| self.scene.cameras.get(i)) {
-            Some(camera) => {
-                let (eye, target) = camera.at(time);
+        let camera = self.camera.and_then(|i| {
+            let views = self.scene.camera_at(i, time)?;
+            Some((self.scene.cameras.get(i)?, views))
+        });
+        match camera {
+            Some((camera, (eye, target))) => {
                 let fov_y = camera.fov_y_deg.to_radians();
                 // Nearer than this nobody is recognisable.
                 View::perspective(eye, target, fov_y, 0.1, size_px)
@@ -174,6 +177,7 @@ impl Shot {
         FrameOptions {
             light: self.scene.light.to_light(),
             ground: self.scene.ground,
+            ground_color: self.scene.ground_color,
             sky: self.scene.sky,
             ..FrameOptions::default()
         }
@@ -214,6 +218,8 @@ fn portrait() -> Scene {
         cameras: Vec::new(),
         light: SceneLight::default(),
         ground: true,
+        ground_color: None,
+        stand_in_scale: 1.0,
         sky: true,
     }
 }

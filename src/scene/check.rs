@@ -18,6 +18,17 @@ impl Scene {
             "frames_per_second",
             "it is not a positive number",
         )?;
+        require(
+            positive(self.stand_in_scale),
+            "stand_in_scale",
+            "it is not a positive number",
+        )?;
+        require(
+            self.ground_color
+                .is_none_or(|c| c.is_finite() && c.min_element() >= 0.0 && c.max_element() <= 1.0),
+            "ground_color",
+            "a channel is not from 0 to 1",
+        )?;
         for (i, c) in self.characters.iter().enumerate() {
             let place = format!("character {} '{}'", i + 1, c.name);
             require(
@@ -116,6 +127,34 @@ impl Scene {
                     && spacing.is_finite()
                     && spacing.min_element() > 0.0
                     && columns > 0
+            }
+            Some(Area::Fan {
+                center,
+                heading_deg,
+                angle_deg,
+                radius_min,
+                density,
+            }) => {
+                center.is_finite()
+                    && heading_deg.is_finite()
+                    && angle_deg > 0.0
+                    && angle_deg < 180.0
+                    && radius_min >= 0.0
+                    && radius_min.is_finite()
+                    && density > 0.0
+                    && density.is_finite()
+            }
+            Some(Area::Rings {
+                center,
+                ring_spacing,
+                spacing,
+            }) => {
+                // A ring has six agents at least, so that ten million agents are few enough rings to count.
+                center.is_finite()
+                    && ring_spacing > 0.0
+                    && ring_spacing.is_finite()
+                    && spacing > 0.0
+                    && spacing <= ring_spacing
             }
             None => true,
         };

@@ -1,12 +1,12 @@
 //! A scene's agents: who each one is, and where and in which pose at a time.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use throng_bake::baked::{Baked, BakedClip};
 
-use super::motion::{Random, Rect, Walk, heading_of};
+use super::motion::{Random, Rect, Walk, facing, heading_of};
 use crate::frame::{Agent, CharacterId};
 
 use super::{Area, Motion, Scene, SceneClip, SceneCrowd};
@@ -81,7 +81,10 @@ impl Scene {
             let (position, position_heading) = places.at(i, random);
             // Drawn whether it is used or not, so that one choice does not change all that follow.
             let drawn = draw(&shares, random.unit());
-            let in_turn = matches!(group.area, None | Some(Area::Grid { .. }));
+            let in_turn = matches!(
+                group.area,
+                None | Some(Area::Grid { .. } | Area::Rings { .. })
+            );
             let who = if !in_turn { drawn } else { i % cast.len() };
             let choice = draw(&clip_shares, random.unit());
             let stated = group.clips.get(choice);
@@ -104,7 +107,7 @@ impl Scene {
                 None => random.unit(),
             };
             let ground = Vec2::new(position.x, position.z);
-            let walk = places.walk(group, ground, heading, speed, random);
+            let walk = places.walk(i, ground, heading, speed, random);
             crowd.agents.push(Walker {
                 walk,
                 height: position.y,
@@ -274,14 +277,17 @@ struct Places<'a> {
     /// Start of the sequence that spreads agents evenly.
     offset: Vec2,
     bounds: Option<Rect>,
+    /// Index of the first agent of each ring, where there are rings.
+    ring_starts: Vec<usize>,
 }
 
 impl<'a> Places<'a> {
     fn new(group: &'a SceneCrowd, seed: u64) -> Self {
         let count = group.positions.len() + group.count.unwrap_or(0) as usize;
         let mut random = Random::new(seed, 0);
-        let bounds = group.area.map(|area| {
+        let bounds = group.area.and_then(|area| {
             let (center, half) = match area {
+                Area::Fan { .. } | Area::Rings { .. } => return None,
                 Area::Rectangle { center, size } => (center, size / 2.0),
                 Area::Ring {
                     center, radius_max, ..
@@ -298,16 +304,24 @@ impl<'a> Places<'a> {
                     )
                 }
             };
-            Rect {
+            Some(Rect {
                 min: center - half,
                 max: center + half,
-            }
+            })
         });
         Self {
             group,
             count,
             offset: Vec2::new(random.unit(), random.unit()),
             bounds,
+            ring_starts: match group.area {
+                Some(Area::Rings {
+                    ring_spacing,
+                    spacing,
+                    ..
+                }) => ring_starts(count, ring_spacing, spacing),
+                _ => Vec::new(),
+            },
         }
     }
 
@@ -350,6 +364,36 @@ impl<'a> Places<'a> {
                 );
                 ground(center + (cell - last / 2.0) * spacing)
             }
+            Some(Area::Fan {
+                center,
+                heading_deg,
+                angle_deg,
+                radius_min,
+                density,
+            }) => {
+                // A Fibonacci lattice of equal areas: every further agent stands farther out than those before.
+                let angle = angle_deg.to_radians();
+                let across = sequence(self.offset.x, 0.618_033_988_749_894_9) - 0.5;
+                let area = (index as f32 + 0.5) / density;
+                let radius = (radius_min * radius_min + 2.0 * area / angle).sqrt();
+                let spread = 0.3 / density.sqrt();
+                let disorder =
+                    Vec2::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0)) * spread;
+                let direction = heading_deg.to_radians() + across * angle;
+                ground(center + facing(direction) * radius + disorder)
+            }
+            Some(Area::Rings {
+                center,
+                ring_spacing,
+                ..
+            }) => {
+                let ring = self.ring_of(index);
+                let first = self.ring_starts[ring];
+                let end = self.ring_starts.get(ring + 1).unwrap_or(&self.count);
+                let angle = (index - first) as f32 / (end - first) as f32 * TAU;
+                let radius = (ring + 1) as f32 * ring_spacing;
+                ground(center + Vec2::from_angle(angle) * radius)
+            }
             None => self
                 .group
                 .positions
@@ -357,27 +401,44 @@ impl<'a> Places<'a> {
                 .copied()
                 .unwrap_or(Vec3::ZERO),
         };
-        let heading = match self.group.look_at {
-            Some(point) => Some(heading_of(point - Vec2::new(position.x, position.z))),
-            None => self.group.heading_deg.map(f32::to_radians),
+        let on_ground = Vec2::new(position.x, position.z);
+        let heading = match (self.group.look_at, self.group.area) {
+            (Some(point), _) => Some(heading_of(point - on_ground)),
+            (None, Some(Area::Rings { center, .. })) => {
+                let side = if self.is_clockwise(index) { -1.0 } else { 1.0 };
+                Some(heading_of(on_ground - center) + side * FRAC_PI_2)
+            }
+            _ => self.group.heading_deg.map(f32::to_radians),
         };
         (position, heading)
     }
 
+    /// The ring, counted from 0, that an agent stands on.
+    fn ring_of(&self, index: usize) -> usize {
+        self.ring_starts
+            .partition_point(|&first| first <= index)
+            .saturating_sub(1)
+    }
+
+    /// Agents of the innermost ring and every other one walk clockwise, seen from above.
+    fn is_clockwise(&self, index: usize) -> bool {
+        self.ring_of(index).is_multiple_of(2)
+    }
+
     fn walk(
         &self,
-        group: &SceneCrowd,
+        index: usize,
         position: Vec2,
         heading: f32,
         speed: f32,
         random: &mut Random,
     ) -> Walk {
         let motion = if speed > 0.0 {
-            group.motion
+            self.group.motion
         } else {
             Motion::Still
         };
-        match (motion, group.area) {
+        match (motion, self.group.area) {
             (Motion::Still, _) => Walk::Still { position, heading },
             (Motion::Straight, _) => Walk::Line {
                 start: position,
@@ -387,15 +448,56 @@ impl<'a> Places<'a> {
             (Motion::Wander, Some(Area::Ring { center, .. })) => {
                 Walk::around(position, center, random.unit() < 0.5)
             }
+            (Motion::Wander, Some(Area::Rings { center, .. })) => {
+                Walk::around(position, center, self.is_clockwise(index))
+            }
+            (
+                Motion::Wander,
+                Some(Area::Fan {
+                    center,
+                    heading_deg,
+                    angle_deg,
+                    radius_min,
+                    ..
+                }),
+            ) => {
+                let axis = facing(heading_deg.to_radians());
+                let cos_side = (angle_deg.to_radians() / 2.0).cos();
+                let holds = |p: Vec2| {
+                    let radius = (p - center).length();
+                    radius >= radius_min && (p - center).dot(axis) >= radius * cos_side
+                };
+                let inside = |middle: Vec2, half: Vec2| {
+                    let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
+                    (corners.iter()).all(|&corner| holds(middle + half * Vec2::from(corner)))
+                };
+                let middle = center + axis * position.distance(center);
+                Walk::wander(position, middle, inside, random)
+            }
             (Motion::Wander, _) => {
                 let around = Rect {
                     min: position - 6.0,
                     max: position + 6.0,
                 };
-                Walk::wander(position, self.bounds.unwrap_or(around), random)
+                let bounds = self.bounds.unwrap_or(around);
+                let middle = (bounds.min + bounds.max) / 2.0;
+                let inside = |center, half| bounds.contains(center, half);
+                Walk::wander(position, middle, inside, random)
             }
         }
     }
+}
+
+/// Index of the first agent of each ring that has any of `count`, from the inside.
+pub(super) fn ring_starts(count: usize, ring_spacing: f32, spacing: f32) -> Vec<usize> {
+    let mut starts = Vec::new();
+    let mut next = 0usize;
+    while next < count {
+        starts.push(next);
+        let circumference = TAU * starts.len() as f32 * ring_spacing;
+        next = next.saturating_add((circumference / spacing).max(1.0) as usize);
+    }
+    starts
 }
 
 fn ground(p: Vec2) -> Vec3 {

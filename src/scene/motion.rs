@@ -45,7 +45,7 @@ pub(super) struct Rect {
 }
 
 impl Rect {
-    fn contains(&self, center: Vec2, half: Vec2) -> bool {
+    pub fn contains(&self, center: Vec2, half: Vec2) -> bool {
         (center - half).cmpge(self.min).all() && (center + half).cmple(self.max).all()
     }
 }
@@ -122,8 +122,14 @@ impl Walk {
         }
     }
 
-    /// A closed path through `position` that stays inside `bounds` (as far as `position` leaves room for one).
-    pub fn wander(position: Vec2, bounds: Rect, random: &mut Random) -> Self {
+    /// A closed path through `position` in a box, by its centre and half extents, that is `inside`; where `position` leaves no
+    /// room for one, a small circle towards `middle`.
+    pub fn wander(
+        position: Vec2,
+        middle: Vec2,
+        inside: impl Fn(Vec2, Vec2) -> bool,
+        random: &mut Random,
+    ) -> Self {
         for attempt in 0..12 {
             let shrink = 1.0 / (1 + attempt / 3) as f32;
             let radius = RADIUS_MIN + random.between(0.0, 3.2) * shrink;
@@ -133,7 +139,7 @@ impl Walk {
             let start = random.unit() * (4.0 * half_straight + TAU * radius);
             let (p, _) = stadium(half_straight, radius, start);
             let center = position - (axis * p.x + axis.perp() * side * p.y);
-            if bounds.contains(center, axis.abs() * half_straight + Vec2::splat(radius)) {
+            if inside(center, axis.abs() * half_straight + Vec2::splat(radius)) {
                 return Self::Stadium {
                     center,
                     axis,
@@ -144,7 +150,7 @@ impl Walk {
                 };
             }
         }
-        let inward = ((bounds.min + bounds.max) / 2.0 - position).normalize_or(Vec2::X);
+        let inward = (middle - position).normalize_or(Vec2::X);
         Self::around(
             position,
             position + inward * RADIUS_MIN,
@@ -207,7 +213,7 @@ mod tests {
             let mut random = Random::new(seed, 1);
             let p = Vec2::new(random.between(-19.0, 19.0), random.between(-9.0, 9.0));
             for walk in [
-                Walk::wander(p, bounds(), &mut random),
+                Walk::wander(p, Vec2::ZERO, |c, h| bounds().contains(c, h), &mut random),
                 Walk::around(p, Vec2::ZERO, seed % 2 == 0),
                 Walk::Line {
                     start: p,
@@ -234,7 +240,7 @@ mod tests {
         for seed in 0..500 {
             let mut random = Random::new(seed, 2);
             let p = Vec2::new(random.between(-20.0, 20.0), random.between(-10.0, 10.0));
-            let walk = Walk::wander(p, bounds(), &mut random);
+            let walk = Walk::wander(p, Vec2::ZERO, |c, h| bounds().contains(c, h), &mut random);
             for i in 0..200 {
                 let (q, _) = walk.at(i as f32 * 0.5);
                 assert!(

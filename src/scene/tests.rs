@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use throng_bake::baked::{Baked, BakedClip};
 
 use super::*;
@@ -113,9 +113,15 @@ fn faults_are_refused_with_their_place() {
         ("[3, 0.5, 4]", "[3, nan, 4]", &["crowd 3", "position"]),
         ("[0, 10, 30]", "[0, 0, 0]", &["camera 1", "target"]),
         ("position = [0, 10, 30]", "fov_y_deg = 0", &["camera 1"]),
+        ("stand_in_scale = 0.01", "stand_in_scale = 0", &["stand_in"]),
+        ("stand_in_scale", "ground_color = [0, 2, 0] #", &["ground_"]),
+        ("density = 0.5", "density = 0", &["crowd 1", "area"]),
+        ("angle_deg = 60", "angle_deg = 180", &["crowd 1", "area"]),
+        (", spacing = 2", ", spacing = 3", &["crowd 2", "area"]),
     ] {
-        let text = SMALL.replace(from, to);
-        assert_ne!(text, SMALL, "{from}");
+        let whole = if SMALL.contains(from) { SMALL } else { GROWING };
+        let text = whole.replace(from, to);
+        assert_ne!(text, whole, "{from}");
         let message = parse(&text).expect_err(to).to_string();
         assert!(message.starts_with("scenes/s.toml: "), "{to}: {message}");
         for part in expect {
@@ -290,6 +296,7 @@ fn a_flight_passes_through_its_keys() {
     };
     let camera = SceneCamera {
         name: String::new(),
+        by_rings: false,
         position: Vec3::ZERO,
         target: Vec3::ZERO,
         fov_y_deg: 45.0,
@@ -302,4 +309,89 @@ fn a_flight_passes_through_its_keys() {
     assert_eq!(camera.at(99.0).0, camera.path[2].position);
     let middle = camera.at(1.0).0.x;
     assert!((1.0..3.0).contains(&middle), "{middle}");
+}
+
+const GROWING: &str = r#"
+stand_in_scale = 0.01
+
+[[character]]
+source = "builtin:ann"
+
+[[crowd]]
+count = 300
+area.fan = { center = [1, 2], heading_deg = 180, angle_deg = 60, radius_min = 5, density = 0.5 }
+motion = "wander"
+clips = [{ name = "walk" }]
+
+[[crowd]]
+count = 300
+area.rings = { ring_spacing = 2, spacing = 2 }
+motion = "wander"
+clips = [{ name = "walk" }]
+
+[[camera]]
+by_rings = true
+position = [1, 0.4, 1.2]
+target = [0.2, 0, 0.24]
+"#;
+
+/// A fan keeps its density however many it holds, and everybody stays between its sides.
+#[test]
+fn a_fan_reaches_farther_the_more_it_holds() {
+    let mut scene = parse(GROWING).unwrap();
+    scene.crowds.truncate(1);
+    for count in [10, 300, 4000] {
+        scene.set_agent_count(count);
+        let crowd = crowd(&scene);
+        // A sixth of a ring's area holds half an agent per square metre.
+        let radius_max = (25.0 + count as f32 * 2.0 / (std::f32::consts::PI / 6.0)).sqrt();
+        for time in [0.0, 7.3, 60.0] {
+            for a in crowd.agents_at(time) {
+                let p = Vec2::new(a.position.x - 1.0, a.position.z - 2.0);
+                let side = p.angle_to(Vec2::NEG_Y).abs();
+                assert!(p.length() > 4.0 && p.length() < radius_max + 20.0, "{p}");
+                assert!(side < 31f32.to_radians() || p.length() * side.sin() < 7.0);
+            }
+        }
+        let starts = crowd.agents_at(0.0);
+        let first = starts[0].position - Vec3::new(1.0, 0.0, 2.0);
+        let last = starts[count - 1].position - Vec3::new(1.0, 0.0, 2.0);
+        assert!(first.length() < 6.5 && (last.length() - radius_max).abs() < 1.0);
+    }
+}
+
+#[test]
+fn rings_are_filled_from_the_inside_and_walked_around() {
+    let mut scene = parse(GROWING).unwrap();
+    scene.crowds.remove(0);
+    // 6, 12, 18, 25, ... agents 2 m apart on rings 2 m apart.
+    for (count, radius_max) in [(1, 2.0), (6, 2.0), (7, 4.0), (36, 6.0), (37, 8.0)] {
+        scene.set_agent_count(count);
+        let crowd = crowd(&scene);
+        let [start, later] = [0.0, 0.1].map(|t| crowd.agents_at(t));
+        assert_eq!(start.len(), count);
+        for (a, b) in start.iter().zip(&later) {
+            let radius = a.position.length();
+            assert!((radius / 2.0 - (radius / 2.0).round()).abs() < 1e-3);
+            assert!((b.position.length() - radius).abs() < 1e-3, "stays on it");
+            let facing = Vec3::new(a.heading.sin(), 0.0, a.heading.cos());
+            let moved = (b.position - a.position).normalize();
+            assert!(moved.dot(facing) > 0.99, "walks where it faces");
+            let clockwise = a.position.cross(moved).y < 0.0;
+            assert_eq!(
+                clockwise,
+                (radius / 2.0).round() as u32 % 2 == 1,
+                "{radius}"
+            );
+        }
+        assert!((start[count - 1].position.length() - radius_max).abs() < 1e-3);
+        // The camera stands off by the next ring's radius.
+        let (eye, target) = scene.camera_at(0, 0.0).unwrap();
+        let unit = radius_max + 2.0;
+        assert!(eye.distance(Vec3::new(1.0, 0.4, 1.2) * unit) < 1e-3);
+        assert!(target.distance(Vec3::new(0.2, 0.0, 0.24) * unit) < 1e-3);
+    }
+    scene.set_characters(&["a/fox.glb".into()]);
+    assert_eq!(scene.characters[0].scale, 0.01, "a stand-in in other units");
+    assert!(scene.camera_at(1, 0.0).is_none());
 }
