@@ -44,6 +44,7 @@ const MODULES: &[ModuleRow] = &[
     ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[]),
     ("impostor_vs", "impostor.hlsl", "VSMain", VERTEX, &[]),
     ("impostor_ps", "impostor.hlsl", "PSMain", FRAGMENT, &[]),
+    ("impostor_soft_vs", "impostor.hlsl", "VSMain", VERTEX, &["SOFT"]),
     ("impostor_soft_ps", "impostor.hlsl", "PSMain", FRAGMENT, &["SOFT"]),
     ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[]),
     ("capture_ps", "capture.hlsl", "PSMain", FRAGMENT, &[]),

@@ -14,15 +14,21 @@
 
 // Coverage below which an edge pixel is not drawn: it would hide what stands behind.
 static const float SOFT_EDGE = 0.2;
+// Encoded lightness of what usually stands behind an edge.
+static const float BEHIND = 0.7;
 
 struct Interpolants
 {
     float4 position : SV_Position;
-    float4 uv_depth : TEXCOORD0; // atlas; clip-space z and w
-    float2 height_depth : TEXCOORD1; // metres above the agent's ground; plane before the quad's centre, in its extents
-    nointerpolation float4 sun_mip : TEXCOORD2; // towards the sun in the picture's axes; mip
-    nointerpolation float4 up_haze : TEXCOORD3; // world +Y in the picture's axes; haze's share
-    nointerpolation uint4 depth_fade_tint : TEXCOORD4; // floats z and w of a step from the centre to the near end of the depths; pose and fade; tint
+    float3 uv_height : TEXCOORD0; // atlas; metres above the agent's ground
+    nointerpolation float4 sun_mip : TEXCOORD1; // towards the sun in the picture's axes; mip
+    nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
+    nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
+#ifndef SOFT
+    float3 depths : TEXCOORD4; // clip-space z and w; plane before the quad's centre, in its extents
+    nointerpolation float2 depth_step : TEXCOORD5; // clip-space z and w of a step from the centre to the near end of the depths
+    nointerpolation uint pose_fade : TEXCOORD6;
+#endif
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
@@ -33,14 +39,19 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    o.uv_depth = float4(placed.uv, o.position.zw);
-    o.height_depth = float2(placed.corner.y - instance.position.y, placed.depth / placed.depth_extent);
+    o.uv_height = float3(placed.uv, placed.corner.y - instance.position.y);
     float3 sun = frame.to_sun;
     o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
     o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
-    float2 step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
-    o.depth_fade_tint = uint4(asuint(step.x), asuint(step.y), instance.live_vertex_count, Hash(instance.tint_seed));
+    float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
+    share = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u ? 1.0 - share : share;
+    o.tint_share = float4(TintRandom(instance.tint_seed), share);
+#ifndef SOFT
+    o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
+    o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
+    o.pose_fade = instance.live_vertex_count;
+#endif
     return o;
 }
 
@@ -53,47 +64,63 @@ float DitherThreshold(float2 pixel)
     return (float(index) + 0.5) * (1.0 / 16.0);
 }
 
-// Squares and roots stand in for the sRGB curve, which a colour that is not lit survives unchanged; this bends light so that
-// a lit one comes out as it would by the curve, within 0.015.
-float3 BentLight(float3 light)
+// The colour of a texel in light and haze, linear.
+float3 Lit(Interpolants i, float3 root, float4 surface)
 {
-    return light * (1.1 - 0.1 * light);
+    float2 xy = surface.xy * (255.0 / 127.0) - 128.0 / 127.0;
+    float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
+    float3 albedo = root * root * TintOf(i.tint_share.xyz, surface.z * 255.0);
+    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.uv_height.z));
+    return lerp(albedo * light, frame.haze, i.up_haze.w);
+}
+
+// Linear to sRGB within 0.01, with one root.
+float3 EncodedColor(float3 color)
+{
+    float3 s = sqrt(saturate(color));
+    return s * (1.13 - 0.13 * s);
 }
 
 #ifdef SOFT
+// One quad blends its edges, and its plane is depth enough.
 float4 PSMain(Interpolants i) : SV_Target
-#else
-float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
-#endif
 {
-    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_depth.xy, i.sun_mip.w);
-    // A fade draws a share of the pixels, or all but that share.
-    uint bits = i.depth_fade_tint.z;
-    float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
-    bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
-    // One quad blends its edges, and its plane is depth enough. Quads of joints overlap: blended, they would let the ground
-    // shine through where they meet, and they hide each other by the depth of every pixel.
-#ifdef SOFT
-    if (color.a < SOFT_EDGE || !shown)
-#else
-    if (color.a < 0.5 || !shown)
-#endif
+    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_height.xy, i.sun_mip.w);
+    float coverage = color.a * i.tint_share.w;
+    if (coverage < SOFT_EDGE)
     {
         discard;
     }
-    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_depth.xy, i.sun_mip.w);
-    float2 xy = (surface.xy * 255.0 - 128.0) * (1.0 / 127.0);
-    float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
-    uint part = uint(surface.z * 255.0 + 0.5);
-    float3 albedo = TintedColor(color.rgb * color.rgb, i.depth_fade_tint.w, part & 63u, part >> 6);
-    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.height_depth.x));
-    float3 encoded = sqrt(saturate(lerp(albedo * BentLight(light), BentLight(frame.haze), i.up_haze.w)));
-    float3 lit = SRGB_TARGET ? LinearFromSrgb(encoded) : encoded;
-#ifdef SOFT
-    return float4(lit * color.a, color.a);
-#else
-    float2 zw = i.uv_depth.zw + asfloat(i.depth_fade_tint.xy) * (surface.w * 2.0 - 1.0 - i.height_depth.y);
-    depth = saturate(zw.x / max(zw.y, 1e-6));
-    return float4(lit, 1.0);
-#endif
+    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w);
+    float3 lit = Lit(i, color.rgb, surface);
+    if (SRGB_TARGET)
+    {
+        return float4(lit * coverage, coverage);
+    }
+    float3 encoded = EncodedColor(lit);
+    // Encoded colours do not blend as light does: an edge that is darker than what is behind it, which is about as bright as
+    // the ground, would come out too dark.
+    float share = coverage - coverage * (1.0 - coverage) * (BEHIND - encoded.g);
+    return float4(encoded * share, share);
 }
+#else
+// Quads of joints overlap: blended, they would let the ground shine through where they meet, and they hide each other by the
+// depth of every pixel.
+float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
+{
+    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_height.xy, i.sun_mip.w);
+    // A fade draws a share of the pixels, or all but that share.
+    uint bits = i.pose_fade;
+    float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
+    bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
+    if (color.a < 0.5 || !shown)
+    {
+        discard;
+    }
+    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w);
+    float3 lit = Lit(i, color.rgb, surface);
+    float2 zw = i.depths.xy + i.depth_step * (surface.w * 2.0 - 1.0 - i.depths.z);
+    depth = saturate(zw.x / max(zw.y, 1e-6));
+    return float4(SRGB_TARGET ? lit : EncodedColor(lit), 1.0);
+}
+#endif

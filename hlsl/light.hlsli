@@ -30,18 +30,34 @@ uint Hash(uint x)
     return x;
 }
 
-// Colour variety; `tint` is the hash of the agent's seed. Rule 0 leaves the colour, 1 varies lightness and warmth a little,
-// 2 dyes it. What depends on the part is cheap enough for every pixel of an impostor.
-float3 TintedColor(float3 color, uint tint, uint body_part, uint rule)
+// Colour variety: a tint multiplies a colour's mean over all tints, which is what impostors' pictures hold: so texels where
+// body parts meet, and what filtering makes of them, are right on average. Rule 0 leaves the colour, 1 varies lightness and
+// warmth a little, 2 dyes it. The numbers are those of bake/src/impostor/tint.rs.
+float3 MeanOfTints(float3 color, uint rule)
 {
-    uint h = (tint ^ (body_part * 0x9e3779b9u)) * 0x846ca68bu;
-    h ^= h >> 15;
-    float3 r = float3(h & 0x3ffu, (h >> 10) & 0x3ffu, h >> 20) * float3(1.0 / 1023.0, 1.0 / 1023.0, 1.0 / 4095.0);
-    float3 natural = color * (0.62 + 0.55 * r.x) * float3(1.04, 1.0, 0.9 + 0.14 * r.y);
-    float3 hue = saturate(abs(frac(r.x + float3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0);
-    float3 dye = lerp(float3(1.0, 1.0, 1.0), hue, 0.15 + 0.6 * r.y * r.y) * (0.12 + 1.1 * r.z * r.z);
-    float3 dyed = dye * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
-    return rule == 0u ? color : rule == 1u ? natural : dyed;
+    float dyed = TINT_DYED_MEAN * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
+    return rule == 0u ? color : rule == 1u ? color * TINT_NATURAL_MEAN : float3(dyed, dyed, dyed);
+}
+
+// Three numbers from 0 to 1 that make an agent's tints.
+float3 TintRandom(uint tint_seed)
+{
+    uint h = Hash(tint_seed);
+    return float3(h & 0x3ffu, (h >> 10) & 0x7ffu, h >> 21) * float3(1.0 / 1024.0, 1.0 / 2048.0, 1.0 / 2048.0);
+}
+
+// An agent's tint of a body part; its mean over all agents is 1. `code`: the part in bits 0-5, its rule in bits 6-7.
+float3 TintOf(float3 random, float code)
+{
+    float3 r = frac(random * (code * 13.13 + 3.7));
+    bool is_dyed = code > 127.5;
+    bool is_natural = code > 63.5;
+    float value = is_dyed ? 0.247 + 2.26 * r.z * r.z : is_natural ? 0.693 + 0.614 * r.z : 1.0;
+    float strength = is_dyed ? 0.55 : is_natural ? 0.07 : 0.0;
+    // Along red against cyan and blue against yellow, of equal lightness; rather muted than not.
+    float2 hue = r.xy * 2.0 - 1.0;
+    hue *= abs(hue) * strength;
+    return value * (1.0 + hue.x * float3(1.0, -0.4, -0.6) + hue.y * float3(-0.3, -0.05, 1.2));
 }
 
 #endif

@@ -36,7 +36,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     uint packed = v.tail.x;
     float4 color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
-    color.rgb = TintedColor(LinearFromSrgb(color.rgb), Hash(instance.tint_seed), v.head.y >> 24, v.tail.w);
+    float code = float(min(v.head.y >> 24, 63u) | (v.tail.w << 6));
+    color.rgb = MeanOfTints(LinearFromSrgb(color.rgb), v.tail.w) * TintOf(TintRandom(instance.tint_seed), code);
 
     float3 to_eye = frame.eye - skinned.position;
     float distance = length(to_eye);

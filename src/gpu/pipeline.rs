@@ -169,7 +169,7 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: "impostor soft",
-                modules: ["impostor_vs", "impostor_soft_ps"],
+                modules: ["impostor_soft_vs", "impostor_soft_ps"],
                 mix: Mix::Covers,
                 ..impostor
             },

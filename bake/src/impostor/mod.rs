@@ -23,6 +23,7 @@ mod plan;
 pub mod pose;
 mod realise;
 mod take;
+pub mod tint;
 pub(crate) mod validate;
 pub mod views;
 
@@ -151,7 +152,7 @@ pub struct Atlas {
     pub height: u32,
     /// Mips, halved each time; few enough that no tile bleeds into the next.
     pub mip_count: u32,
-    /// sRGB colour without tint and light, and coverage; for quads that follow a joint scaled in every mip so that half is
+    /// Square roots of the linear colour without light, the mean over all tints, and coverage; for quads that follow a joint scaled in every mip so that half is
     /// the edge. Mips one after the other.
     pub color: Vec<[u8; 4]>,
     /// Normal along right and up (128 is 0, 1 and 255 are -1 and 1), body part in bits 0-5 with its tint rule in bits 6-7,

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use glam::{UVec2, Vec2, Vec3};
 
 use super::capture::CapturedView;
+use super::tint::mean_of_tints;
 
 /// Alpha of the last texel that shows. Above half, because filtering rounds what sticks out: silhouettes then keep their
 /// area.
@@ -15,7 +16,7 @@ const EDGE_ALPHA: f32 = 0.54;
 pub(super) struct Texel {
     /// Share of the texel that is covered.
     pub coverage: f32,
-    /// Linear.
+    /// Linear, the mean over all tints.
     pub color: Vec3,
     /// Normal along right and up, and depth, 0 to 255.
     pub shape: Vec3,
@@ -63,7 +64,7 @@ impl Picture {
                         if color[3] > 0 && keep(at, color[3]) {
                             let [x, y, part, depth] = captured.surface[i];
                             let shape = Vec3::new(x.into(), y.into(), depth.into());
-                            samples.add(1.0, linear(color), shape, part);
+                            samples.add(1.0, mean_of_tints(linear(color), part), shape, part);
                         }
                     }
                 }
@@ -144,7 +145,7 @@ impl Picture {
         let scale = if self.soft { 1.0 } else { self.alpha_scale() };
         let texels = self.dilated();
         let encode = |t: &Texel| {
-            let [r, g, b] = srgb(t.color);
+            let [r, g, b] = roots(t.color);
             let alpha = (t.coverage * scale).min(1.0);
             let s = t.shape + 0.5;
             (
@@ -254,13 +255,8 @@ fn linear(color: [u8; 4]) -> Vec3 {
     Vec3::from([0, 1, 2].map(|i| TABLE[color[i] as usize]))
 }
 
-fn srgb(color: Vec3) -> [u8; 3] {
-    color.to_array().map(|x| {
-        let encoded = if x <= 0.003_130_8 {
-            x * 12.92
-        } else {
-            1.055 * x.powf(1.0 / 2.4) - 0.055
-        };
-        (encoded.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
-    })
+/// Square roots: nearly as even in lightness as sRGB, and cheap to undo.
+fn roots(color: Vec3) -> [u8; 3] {
+    let root = |x: f32| (x.clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8;
+    color.to_array().map(root)
 }
