@@ -222,8 +222,9 @@ struct DrawConstants
 {
     uint first_vertex;
     float alpha_cutoff;
-    uint probe_vertex_count; // mesh_probe only
-    uint probe_instance;
+    uint probe_vertex_count; // of one instance; probes and limit only
+    uint probe_instance; // limit: the first
+    uint probe_output; // limit: place of the first instance's first vertex
 };
 
 #endif

@@ -249,6 +249,7 @@ shared_structs! {
         alpha_cutoff: f32,
         probe_vertex_count: u32,
         probe_instance: u32,
+        probe_output: u32,
     }
 }
 

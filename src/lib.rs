@@ -37,6 +37,7 @@ pub mod gpu;
 pub mod gpu_types;
 pub mod ground;
 pub mod impostor;
+pub mod limit;
 pub mod mesh;
 pub mod prepare;
 pub mod reference;

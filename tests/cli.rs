@@ -1,83 +1,12 @@
 //! The command line from outside: what it prints, what it refuses, what it leaves behind.
 
+#[path = "common/program.rs"]
+mod program;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn throng(arguments: &[&str]) -> Output {
-    throng_with_cache(Path::new(env!("CARGO_TARGET_TMPDIR")), arguments)
-}
-
-/// The user's own cache stays as it is.
-fn throng_with_cache(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_throng"))
-        .args(arguments)
-        .env("XDG_CACHE_HOME", folder)
-        .output()
-        .expect("the binary runs")
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// Runs it, and fails the test with what it said where it did not end well.
-fn succeed(arguments: &[&str]) -> String {
-    let output = throng(arguments);
-    assert_eq!(
-        output.status.code(),
-        Some(0),
-        "{arguments:?}: {}",
-        stderr(&output)
-    );
-    stdout(&output)
-}
-
-/// Runs it, expects status 2, and returns what it said.
-fn refuse(arguments: &[&str]) -> String {
-    let output = throng(arguments);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-    assert_eq!(stdout(&output), "", "{arguments:?}");
-    stderr(&output)
-}
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).expect("valid JSON")
-}
-
-/// A static tetrahedron as glTF, whose `indices` accessor can be spoiled.
-fn tetrahedron(folder: &Path, name: &str, index: u16) -> PathBuf {
-    let positions: [f32; 12] = [0., 0., 0., 1., 0., 0., 0., 2., 0., 0., 0., 1.];
-    let indices: [u16; 12] = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, index];
-    let bytes: Vec<u8> = positions
-        .iter()
-        .flat_map(|x| x.to_le_bytes())
-        .chain(indices.iter().flat_map(|i| i.to_le_bytes()))
-        .collect();
-    std::fs::write(folder.join(format!("{name}.bin")), bytes).unwrap();
-    let text = serde_json::json!({
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "buffers": [{"uri": format!("{name}.bin"), "byteLength": 72}],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
-            {"buffer": 0, "byteOffset": 48, "byteLength": 24}
-        ],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 2, 1]},
-            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"}
-        ]
-    });
-    let path = folder.join(format!("{name}.gltf"));
-    std::fs::write(&path, text.to_string()).unwrap();
-    path
-}
+use program::*;
 
 #[test]
 fn help_teaches_every_command() {
@@ -244,30 +173,6 @@ fn several_inputs_go_into_a_folder() {
     assert!(message.contains("folder"), "{message}");
 }
 
-/// A scene of tetrahedra, and its folder.
-fn scene_of_tetrahedra() -> (tempfile::TempDir, String) {
-    let folder = tempfile::tempdir().unwrap();
-    tetrahedron(folder.path(), "tetra", 3);
-    let scene = folder.path().join("scene.toml");
-    let text = r#"
-        [[character]]
-        source = "tetra.gltf"
-        height = 1.5
-        [[crowd]]
-        count = 40
-        area.rectangle = { size = [8, 8] }
-        [[camera]]
-        name = "near"
-        position = [0, 6, 14]
-        [[camera]]
-        name = "far"
-        position = [0, 60, 140]
-    "#;
-    std::fs::write(&scene, text).unwrap();
-    let name = scene.to_str().unwrap().to_string();
-    (folder, name)
-}
-
 fn pixels(path: &Path) -> image::RgbImage {
     image::open(path).expect("a picture").to_rgb8()
 }
@@ -389,7 +294,7 @@ fn what_cannot_be_drawn_is_refused_by_name() {
     let (folder, scene) = scene_of_tetrahedra();
     let out = folder.path().join("a.png");
     let draw = |more: &[&str]| refuse(&[&["render", "-o", out.to_str().unwrap()], more].concat());
-    assert!(draw(&["moon"]).contains("moon: there is no such built-in scene; there are plaza"));
+    assert!(draw(&["moon"]).contains("moon: there is no such built-in scene; there are street, "));
     assert!(draw(&["moon.toml"]).contains("moon.toml: cannot be read"));
     assert!(draw(&[&scene, "--camera", "x"]).contains("--camera x: the scene has near, far"));
     assert!(draw(&[&scene, "--device", "toaster"]).contains("toaster"));
@@ -407,46 +312,6 @@ fn what_cannot_be_drawn_is_refused_by_name() {
         "{message}"
     );
     assert!(!out.exists());
-}
-
-#[test]
-fn the_paper_s_experiments_run() {
-    let (folder, scene) = scene_of_tetrahedra();
-    let report = folder.path().join("ramos.json");
-    let fixed = [
-        "bench", "ramos", "--scene", &scene, "--size", "64x64", "--runs", "2",
-    ];
-    let more = ["--agents", "5,20", "--json", report.to_str().unwrap()];
-    let said = succeed(&[&fixed[..], &more].concat());
-    assert!(said.contains("triangles full/lod") && said.contains("bytes per vertex"));
-    let results = json(&std::fs::read_to_string(report).unwrap());
-    let step = &results["steps"][1];
-    assert_eq!(step["lod"]["agents"], 20);
-    assert_eq!(step["full"]["triangles"], 80);
-    assert!(step["ratios"]["triangles_full_to_lod"].as_f64().unwrap() >= 1.0);
-}
-
-/// Every representation at every height, with a plot of them.
-#[test]
-fn representations_are_measured_by_height() {
-    let folder = tempfile::tempdir().unwrap();
-    let source = tetrahedron(folder.path(), "tetra", 3);
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (plot, report) = (path("new/height.svg"), path("height.json"));
-    let fixed = ["bench", "height", "--size", "96x64", "--runs", "1"];
-    let more = ["--character", source.to_str().unwrap()];
-    let files = ["--plot", &plot, "--json", &report];
-    let said = succeed(&[&fixed[..], &more, &files].concat());
-    assert!(said.contains("hybrid/cheapest"));
-    assert!(std::fs::read_to_string(plot).unwrap().contains("<svg"));
-    let results = json(&std::fs::read_to_string(report).unwrap());
-    let steps = results["steps"].as_array().unwrap();
-    assert_eq!(steps[0]["height_px"], 4.0);
-    assert_eq!(steps.last().unwrap()["height_px"], 400.0);
-    for step in steps {
-        assert_eq!(step["ms_per_1000"].as_array().unwrap().len(), 4);
-    }
-    assert!(refuse(&["bench", "ramos", "--plot", "a.svg"]).contains("--plot"));
 }
 
 /// The whole way of a built-in character: made, written, baked, looked at, exported, drawn.

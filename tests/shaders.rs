@@ -282,7 +282,10 @@ fn workgroups_have_the_sizes_that_the_host_divides_by() {
             .collect();
         match module.name {
             "select_scan" => assert_eq!(size, [gpu_types::SCAN_GROUP_SIZE, 1, 1]),
-            name if name.starts_with("select") || name.ends_with("_probe") => {
+            name if name.starts_with("select")
+                || name.ends_with("_probe")
+                || name.ends_with("_cs") =>
+            {
                 assert_eq!(size, [gpu_types::SELECT_GROUP_SIZE, 1, 1])
             }
             _ => assert!(size.is_empty(), "{} is no compute shader", module.name),

@@ -4,8 +4,9 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use serde::Serialize;
-use throng::gpu::{Headless, HeadlessDesc};
-use throng::{FrameOptions, FrameReport, Method, Representation, StageTime};
+use throng::gpu::{Frozen, Headless, HeadlessDesc};
+use throng::{Agent, FrameOptions, FrameReport, Method, Representation, StageTime, View};
+use throng_bake::baked::Baked;
 
 use super::output::{grouped, median_p95};
 use super::shot::Shot;
@@ -37,7 +38,20 @@ impl MethodName {
         matches!(self, Self::Hybrid | Self::Flat | Self::Quad)
     }
 
-    fn to_method(self) -> Method {
+    /// As the command line and reports call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hybrid => "hybrid",
+            Self::Lod => "lod",
+            Self::Flat => "flat",
+            Self::Quad => "quad",
+            Self::Full => "full",
+            Self::Uninstanced => "uninstanced",
+        }
+    }
+
+    /// As the library calls it.
+    pub fn to_method(self) -> Method {
         match self {
             Self::Hybrid => Method::Hybrid,
             Self::Lod => Method::Lod,
@@ -54,7 +68,64 @@ impl MethodName {
 pub struct FrameTime {
     pub median: f64,
     pub p95: f64,
+    pub min: f64,
+    /// From the first to the third quartile, as a share of the median: how much frames differ.
+    pub spread: f64,
     pub runs: usize,
+}
+
+impl FrameTime {
+    /// Of every frame's time; zeros where there is none.
+    pub fn new(each: &[f64]) -> Self {
+        let (median, p95) = median_p95(each);
+        let mut sorted = each.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let quartile = |n: usize| sorted.get(sorted.len() * n / 4).copied().unwrap_or(0.0);
+        Self {
+            median,
+            p95,
+            min: sorted.first().copied().unwrap_or(0.0),
+            spread: (quartile(3) - quartile(1)) / median.max(1e-9),
+            runs: each.len(),
+        }
+    }
+}
+
+/// A frame that was timed.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// From handing over the agents to the finished picture.
+    pub wall_ms: f64,
+    /// Of all threads of the process; absent where the system does not tell.
+    pub cpu_ms: Option<f64>,
+    pub frame: FrameReport,
+}
+
+/// What `draw` takes of wall time and of the process's CPU time.
+fn timed(draw: impl FnOnce() -> Result<FrameReport>) -> Result<Sample> {
+    let (start, cpu_start) = (Instant::now(), cpu_seconds());
+    let frame = draw()?;
+    let wall_ms = start.elapsed().as_secs_f64() * 1e3;
+    let cpu_ms = match (cpu_start, cpu_seconds()) {
+        (Some(start), Some(end)) => Some((end - start) * 1e3),
+        _ => None,
+    };
+    Ok(Sample {
+        wall_ms,
+        cpu_ms,
+        frame,
+    })
+}
+
+/// CPU time that all threads of the process have spent.
+fn cpu_seconds() -> Option<f64> {
+    #[cfg(unix)]
+    {
+        let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        Some(t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9)
+    }
+    #[cfg(not(unix))]
+    None
 }
 
 /// What drawing a frame took and did.
@@ -62,7 +133,7 @@ pub struct FrameTime {
 pub struct Report {
     pub device: String,
     pub driver: String,
-    pub method: MethodName,
+    pub method: &'static str,
     pub animated: bool,
     /// Of the picture that was drawn, before it was averaged down.
     pub size_px: [u32; 2],
@@ -80,10 +151,68 @@ pub struct Report {
     pub vertex_invocations: Option<u64>,
     /// From handing over the agents to the finished picture.
     pub frame_ms: FrameTime,
+    /// Of all threads of the process in the same time; absent where the system does not tell.
+    pub cpu_ms: Option<FrameTime>,
     pub fps: f64,
     /// Medians.
     pub stage_ms: Vec<StageTime>,
     pub representations: Vec<Representation>,
+}
+
+/// How frames were drawn, for their report.
+#[derive(Debug, Clone, Copy)]
+pub struct Timing {
+    pub method: &'static str,
+    pub animated: bool,
+    pub size_px: [u32; 2],
+    pub supersample: u32,
+    pub pixel_error: f32,
+    pub time_s: f32,
+}
+
+impl Report {
+    /// Counts are those of the last frame, times those of all.
+    pub fn new(timing: &Timing, samples: &[Sample]) -> Self {
+        let last = samples.last().map(|s| s.frame.clone()).unwrap_or_default();
+        let wall: Vec<f64> = samples.iter().map(|s| s.wall_ms).collect();
+        let cpu: Vec<f64> = samples.iter().filter_map(|s| s.cpu_ms).collect();
+        let stage_ms = last.stage_ms.iter().enumerate().map(|(i, stage)| {
+            let each = samples.iter().filter_map(|s| s.frame.stage_ms.get(i));
+            let each: Vec<f64> = each.map(|s| s.ms).collect();
+            StageTime {
+                stage: stage.stage,
+                ms: median_p95(&each).0,
+            }
+        });
+        let frame_ms = FrameTime::new(&wall);
+        Self {
+            stage_ms: stage_ms.collect(),
+            device: last.device,
+            driver: last.driver,
+            method: timing.method,
+            animated: timing.animated,
+            size_px: timing.size_px,
+            supersample: timing.supersample,
+            pixel_error_px: timing.pixel_error,
+            time_s: timing.time_s,
+            agents: last.agents,
+            visible: last.visible,
+            culled: last.culled,
+            draw_calls: last.draw_calls,
+            instances: last.instances,
+            triangles: last.triangles,
+            live_vertices: last.live_vertices,
+            vertex_invocations: last.vertex_invocations,
+            frame_ms,
+            cpu_ms: (!cpu.is_empty()).then(|| FrameTime::new(&cpu)),
+            fps: if frame_ms.median > 0.0 {
+                1e3 / frame_ms.median
+            } else {
+                0.0
+            },
+            representations: last.representations,
+        }
+    }
 }
 
 /// What is to be drawn.
@@ -141,56 +270,49 @@ impl Studio {
                 self.headless.render(&agents, &view, &options)?;
             }
         }
-        let mut frame_ms = Vec::with_capacity(drawing.runs);
-        let mut frames: Vec<FrameReport> = Vec::with_capacity(drawing.runs);
-        for _ in 0..drawing.runs.max(1) {
-            let start = Instant::now();
-            frames.push(self.headless.render(&agents, &view, &options)?);
-            frame_ms.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        Ok(self.report(drawing, &frame_ms, &frames))
-    }
-
-    fn report(&self, drawing: &Drawing, frame_ms: &[f64], frames: &[FrameReport]) -> Report {
-        let last = frames.last().cloned().unwrap_or_default();
-        let (median, p95) = median_p95(frame_ms);
-        let stage_ms = last.stage_ms.iter().enumerate().map(|(i, stage)| {
-            let each: Vec<f64> = frames
-                .iter()
-                .filter_map(|f| f.stage_ms.get(i))
-                .map(|s| s.ms)
-                .collect();
-            StageTime {
-                stage: stage.stage,
-                ms: median_p95(&each).0,
-            }
-        });
-        Report {
-            stage_ms: stage_ms.collect(),
-            device: last.device,
-            driver: last.driver,
-            method: drawing.method,
+        let samples: Result<Vec<Sample>> = (0..drawing.runs.max(1))
+            .map(|_| self.frame(&agents, &view, &options))
+            .collect();
+        let timing = Timing {
+            method: drawing.method.name(),
             animated: drawing.animated,
             size_px: self.size_px,
             supersample: drawing.supersample,
-            pixel_error_px: drawing.pixel_error,
+            pixel_error: drawing.pixel_error,
             time_s: drawing.time,
-            agents: last.agents,
-            visible: last.visible,
-            culled: last.culled,
-            draw_calls: last.draw_calls,
-            instances: last.instances,
-            triangles: last.triangles,
-            live_vertices: last.live_vertices,
-            vertex_invocations: last.vertex_invocations,
-            frame_ms: FrameTime {
-                median,
-                p95,
-                runs: frame_ms.len(),
-            },
-            fps: if median > 0.0 { 1e3 / median } else { 0.0 },
-            representations: last.representations,
-        }
+        };
+        Ok(Report::new(&timing, &samples?))
+    }
+
+    /// Draws one frame and times it.
+    pub fn frame(
+        &mut self,
+        agents: &[Agent],
+        view: &View,
+        options: &FrameOptions,
+    ) -> Result<Sample> {
+        timed(|| Ok(self.headless.render(agents, view, options)?))
+    }
+
+    /// Draws one frame and keeps its triangles and quads, transformed. `characters` are the shot's.
+    pub fn freeze(
+        &mut self,
+        agents: &[Agent],
+        view: &View,
+        options: &FrameOptions,
+        characters: &[Baked],
+    ) -> Result<Frozen> {
+        Ok(self.headless.freeze(agents, view, options, characters)?)
+    }
+
+    /// Draws what was kept and times it.
+    pub fn frozen_frame(&mut self, frozen: &Frozen, flat: bool) -> Result<Sample> {
+        timed(|| Ok(self.headless.render_frozen(frozen, flat)?))
+    }
+
+    /// Frees what was kept.
+    pub fn release(&mut self, frozen: Frozen) {
+        self.headless.release(frozen);
     }
 
     /// The last picture, as drawn.

@@ -6,7 +6,6 @@ use clap::{Parser, Subcommand};
 
 mod bake;
 mod bench;
-mod bench_height;
 mod cache;
 mod characters;
 mod demo;

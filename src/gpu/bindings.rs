@@ -49,7 +49,7 @@ pub const DRAW: &[Kind] = &[Uniform, Storage];
 pub const CHARACTER: &[Kind] = &[
     Uniform, Image, Image, Image, Image, Sampler, Image, Image, Sampler, Image, Image,
 ];
-/// A probe's output.
+/// A probe's output, or what `limit` keeps.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.
 pub const CAPTURE: &[Kind] = &[Storage, Storage];
@@ -60,6 +60,7 @@ pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
         "select_count" | "select_scan" | "select_scatter" => &[SELECT],
         "select_count_storage" | "select_scatter_storage" => &[SELECT_STORAGE],
         "mesh_probe" | "impostor_probe" => &[DRAW, CHARACTER, PROBE],
+        limit if limit.starts_with("limit_") && limit.ends_with("_cs") => &[DRAW, CHARACTER, PROBE],
         "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
         _ => &[DRAW, CHARACTER],
     }

@@ -318,6 +318,7 @@ impl<'a> Capturer<'a> {
                 alpha_cutoff: draw.alpha_cutoff.unwrap_or(0.0),
                 probe_vertex_count: 0,
                 probe_instance: 0,
+                probe_output: 0,
             };
             c.push_constants(o.layout, DRAW_STAGES, &constants);
             let instances = first_instance + first..first_instance + end;

@@ -225,6 +225,12 @@ impl<'a> Commands<'a> {
         unsafe { self.context.device.cmd_dispatch(self.cmd, workgroups, 1, 1) };
     }
 
+    /// Workgroups along x and y.
+    pub fn dispatch_rows(&mut self, workgroups: [u32; 2]) {
+        let [x, y] = workgroups;
+        unsafe { self.context.device.cmd_dispatch(self.cmd, x, y, 1) };
+    }
+
     pub fn set_viewport(&mut self, size_px: [u32; 2]) {
         let [width, height] = size_px;
         let viewport = vk::Viewport {
@@ -247,7 +253,7 @@ impl<'a> Commands<'a> {
         }
     }
 
-    /// Binds an instance list as vertex buffer 0.
+    /// Binds an instance list, or transformed vertices, as vertex buffer 0.
     pub fn bind_instances(&mut self, buffer: &Buffer) {
         unsafe {
             self.context

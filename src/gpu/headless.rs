@@ -166,15 +166,7 @@ impl Headless {
         let (Some(renderer), Some(target)) = (&mut self.renderer, &mut self.target) else {
             return Err(dropped());
         };
-        if view.size_px != target.size_px {
-            return Err(RenderError::BadOption {
-                option: "view",
-                reason: format!(
-                    "its size is {:?} and the target's is {:?}",
-                    view.size_px, target.size_px
-                ),
-            });
-        }
+        check_size(view.size_px, target)?;
         let start = Instant::now();
         let core = &self.core;
         // SAFETY: every submission is waited for before the next frame begins; the command buffer is recorded in the order
@@ -198,6 +190,37 @@ impl Headless {
         let mut report = unsafe { renderer.report(0) }?;
         report.frame_ms = Some(start.elapsed().as_secs_f64() * 1e3);
         Ok(report)
+    }
+
+    /// Draws what `record` records into the target and waits for it.
+    ///
+    /// Errors: [`RenderError::BadOption`] where the target has another size.
+    pub(super) fn submit_drawing(
+        &mut self,
+        size_px: [u32; 2],
+        queries: &[(vk::QueryPool, u32)],
+        record: impl FnOnce(&Renderer, &mut Commands),
+    ) -> Result<(), RenderError> {
+        let (Some(renderer), Some(target)) = (&self.renderer, &mut self.target) else {
+            return Err(dropped());
+        };
+        check_size(size_px, target)?;
+        let core = &self.core;
+        core.begin()?;
+        // SAFETY: the command buffer is recording, outside rendering until the target begins it; every submission is waited
+        // for.
+        unsafe {
+            let mut c = Commands::new(&renderer.cx, core.cmd);
+            for &(pool, count) in queries.iter().filter(|q| q.0 != vk::QueryPool::null()) {
+                c.reset_queries(pool, count);
+            }
+            target.begin_rendering(core, renderer);
+            record(renderer, &mut c);
+            core.device().cmd_end_rendering(core.cmd);
+        }
+        core.submit_and_wait(Ok(()))?;
+        target.drawn = true;
+        Ok(())
     }
 
     /// The last frame: `[height * width]` sRGB pixels, rows from the top.
@@ -332,6 +355,19 @@ impl Drop for Headless {
             // SAFETY: every submission was waited for.
             unsafe { renderer.destroy() };
         }
+    }
+}
+
+fn check_size(size_px: [u32; 2], target: &Target) -> Result<(), RenderError> {
+    match size_px == target.size_px {
+        true => Ok(()),
+        false => Err(RenderError::BadOption {
+            option: "view",
+            reason: format!(
+                "its size is {size_px:?} and the target's is {:?}",
+                target.size_px
+            ),
+        }),
     }
 }
 

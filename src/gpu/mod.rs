@@ -5,6 +5,7 @@ mod capturer;
 mod commands;
 mod context;
 mod descriptors;
+mod frozen;
 mod headless;
 mod memory;
 mod own_device;
@@ -18,10 +19,12 @@ pub mod shaders;
 mod slot;
 
 pub use capturer::Capturer;
+pub use frozen::Frozen;
 pub use headless::{Headless, HeadlessDesc};
 pub use own_device::{DeviceInfo, list_devices, tune_allocator_for_cpu};
 pub use renderer::{DeviceHandles, Renderer, RendererDesc};
 
 pub(crate) use commands::{Access, Commands};
+pub(crate) use frozen::Part;
 pub(crate) use pipeline::DRAW_STAGES;
 pub(crate) use renderer::Drawing;

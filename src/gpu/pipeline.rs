@@ -27,7 +27,7 @@ pub(crate) struct MeshVariant {
 
 /// Specialisation constants by id, as hlsl/ numbers them.
 pub(super) const ALPHA_TESTED: u32 = 0;
-const SRGB_TARGET: u32 = 1;
+pub(super) const SRGB_TARGET: u32 = 1;
 const REVERSED_DEPTH: u32 = 2;
 pub(super) const TEXTURED: u32 = 3;
 
@@ -78,26 +78,76 @@ impl Formats {
 }
 
 /// How a graphics pipeline differs from the others.
-struct DrawState<'a> {
-    name: &'a str,
-    modules: [&'a str; 2],
-    /// Reads an instance list as vertex attributes.
-    instanced: bool,
-    constants: &'a [(u32, bool)],
-    cull: vk::CullModeFlags,
-    topology: vk::PrimitiveTopology,
-    depth_write: bool,
-    mix: Mix,
+pub(super) struct DrawState<'a> {
+    pub name: &'a str,
+    pub modules: [&'a str; 2],
+    pub input: Input,
+    pub constants: &'a [(u32, bool)],
+    pub cull: vk::CullModeFlags,
+    pub topology: vk::PrimitiveTopology,
+    pub depth_write: bool,
+    pub mix: Mix,
+}
+
+/// What a vertex shader reads as attributes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Input {
+    None,
+    /// An entry of an instance list.
+    Instances,
+    /// This many of the rows of a transformed vertex, of which it has `of`; the sixth is integers.
+    Rows {
+        read: u32,
+        of: u32,
+    },
 }
 
 /// How a draw's colour meets the target's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Mix {
+pub(super) enum Mix {
     Replaces,
     /// The target keeps the darker of what it has and gets, channel by channel, and its alpha.
     Darkens,
     /// Over it, premultiplied with alpha.
     Covers,
+}
+
+impl Input {
+    fn description(
+        self,
+    ) -> (
+        Vec<vk::VertexInputBindingDescription>,
+        Vec<vk::VertexInputAttributeDescription>,
+    ) {
+        let binding = |stride, input_rate| {
+            vec![vk::VertexInputBindingDescription {
+                binding: 0,
+                stride,
+                input_rate,
+            }]
+        };
+        match self {
+            Self::None => (Vec::new(), Vec::new()),
+            Self::Instances => (
+                binding(size_of::<Instance>() as u32, vk::VertexInputRate::INSTANCE),
+                instance_attributes().to_vec(),
+            ),
+            Self::Rows { read, of } => (
+                binding(16 * of, vk::VertexInputRate::VERTEX),
+                (0..read)
+                    .map(|location| vk::VertexInputAttributeDescription {
+                        location,
+                        binding: 0,
+                        format: match location {
+                            5 => vk::Format::R32G32B32A32_UINT,
+                            _ => vk::Format::R32G32B32A32_SFLOAT,
+                        },
+                        offset: 16 * location,
+                    })
+                    .collect(),
+            ),
+        }
+    }
 }
 
 impl Pipelines {
@@ -157,7 +207,7 @@ impl Pipelines {
         let impostor = DrawState {
             name: "impostor",
             modules: ["impostor_vs", "impostor_ps"],
-            instanced: true,
+            input: Input::Instances,
             constants: &[srgb],
             cull: vk::CullModeFlags::NONE,
             topology: vk::PrimitiveTopology::TRIANGLE_LIST,
@@ -179,7 +229,7 @@ impl Pipelines {
             &DrawState {
                 name: "ground",
                 modules: ["ground_vs", "ground_ps"],
-                instanced: false,
+                input: Input::None,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
@@ -192,7 +242,7 @@ impl Pipelines {
             &DrawState {
                 name: "shadow",
                 modules: ["shadow_vs", "shadow_ps"],
-                instanced: true,
+                input: Input::Instances,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
@@ -205,7 +255,7 @@ impl Pipelines {
             &DrawState {
                 name: "sky",
                 modules: ["sky_vs", "sky_ps"],
-                instanced: false,
+                input: Input::None,
                 constants: &[srgb, (REVERSED_DEPTH, self.formats.reversed_depth)],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
@@ -247,7 +297,7 @@ impl Pipelines {
                     (false, true) => ["mesh_double_vs", "mesh_double_ps"],
                     (true, true) => ["mesh_textured_double_vs", "mesh_textured_double_ps"],
                 },
-                instanced: true,
+                input: Input::Instances,
                 constants: &[
                     (ALPHA_TESTED, variant.alpha_tested),
                     (SRGB_TARGET, self.formats.srgb()),
@@ -266,12 +316,21 @@ impl Pipelines {
         Ok(())
     }
 
+    /// The target's format encodes colours.
+    pub fn encodes_srgb(&self) -> bool {
+        self.formats.srgb()
+    }
+
     /// The pipeline of a variant that `add_mesh` made.
     pub fn mesh(&self, variant: MeshVariant) -> vk::Pipeline {
         self.mesh.get(&variant).copied().unwrap_or_default()
     }
 
-    fn graphics(&self, cx: &Context, state: &DrawState) -> Result<vk::Pipeline, RenderError> {
+    pub(super) fn graphics(
+        &self,
+        cx: &Context,
+        state: &DrawState,
+    ) -> Result<vk::Pipeline, RenderError> {
         let entries: Vec<_> = (0..state.constants.len())
             .map(|i| {
                 vk::SpecializationMapEntry::default()
@@ -295,18 +354,10 @@ impl Pipelines {
         state: &DrawState,
         stages: &[vk::PipelineShaderStageCreateInfo],
     ) -> Result<vk::Pipeline, RenderError> {
-        let bindings = [vk::VertexInputBindingDescription {
-            binding: 0,
-            stride: size_of::<Instance>() as u32,
-            input_rate: vk::VertexInputRate::INSTANCE,
-        }];
-        let attributes = instance_attributes();
-        let mut vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
-        if state.instanced {
-            vertex_input = vertex_input
-                .vertex_binding_descriptions(&bindings)
-                .vertex_attribute_descriptions(&attributes);
-        }
+        let (bindings, attributes) = state.input.description();
+        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default()
+            .vertex_binding_descriptions(&bindings)
+            .vertex_attribute_descriptions(&attributes);
         let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(state.topology);
         let viewport = vk::PipelineViewportStateCreateInfo::default()
             .viewport_count(1)
@@ -500,7 +551,7 @@ fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
     ))
 }
 
-fn compute(
+pub(super) fn compute(
     cx: &Context,
     name: &str,
     layout: vk::PipelineLayout,

@@ -136,6 +136,7 @@ impl Probe {
                 alpha_cutoff: 0.0,
                 probe_vertex_count: self.vertex_count,
                 probe_instance: instance,
+                probe_output: 0,
             },
         );
         c.dispatch(self.vertex_count.div_ceil(SELECT_GROUP_SIZE));

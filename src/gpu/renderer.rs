@@ -537,7 +537,7 @@ pub(super) fn no_slot(frame: usize) -> RenderError {
     }
 }
 
-fn stamp(c: &mut Commands, slot: &Slot, stamp: Stamp) {
+pub(super) fn stamp(c: &mut Commands, slot: &Slot, stamp: Stamp) {
     if slot.timestamps != vk::QueryPool::null() {
         c.write_timestamp(slot.timestamps, stamp as u32);
     }

@@ -133,7 +133,7 @@ impl Renderer {
             .to_vec()
     }
 
-    fn vertex_invocations(&self, slot: &Slot) -> Option<u64> {
+    pub(super) fn vertex_invocations(&self, slot: &Slot) -> Option<u64> {
         if slot.statistics == vk::QueryPool::null() {
             return None;
         }
@@ -152,7 +152,7 @@ impl Renderer {
         Some(counts.iter().sum())
     }
 
-    fn stage_times(&self, slot: &Slot, upload_ms: f64) -> Vec<StageTime> {
+    pub(super) fn stage_times(&self, slot: &Slot, upload_ms: f64) -> Vec<StageTime> {
         let mut times = vec![StageTime {
             stage: "upload",
             ms: upload_ms,

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, anyhow, bail};
-use plotters::prelude::*;
+use anyhow::{Result, bail};
 use serde::Serialize;
 use throng::gpu::{Headless, HeadlessDesc};
 use throng::representation::{CostModel, Representations};
@@ -11,11 +10,12 @@ use throng::sheet::{Sheet, SheetDesc};
 use throng::{FrameOptions, Method};
 use throng_bake::impostor::Kind;
 
-use super::bench::Arguments;
-use super::impostors::Plan;
-use super::measure::WARM_UP_FRAMES;
-use super::output::{Progress, Table, median_p95, say, write_file, write_json};
-use super::source::{self, Recipe};
+use super::Arguments;
+use super::plot::{Curve, curves};
+use crate::cli::impostors::Plan;
+use crate::cli::measure::WARM_UP_FRAMES;
+use crate::cli::output::{Progress, Table, median_p95, say, write_json};
+use crate::cli::source::{self, Recipe};
 
 /// Projected heights, pixels.
 const HEIGHTS_PX: [f32; 14] = [
@@ -326,66 +326,26 @@ fn kind_name(kind: Kind) -> &'static str {
 }
 
 impl Results {
-    /// One curve per method, both axes logarithmic.
+    /// One curve per method.
     fn plot(&self, path: &Path) -> Result<()> {
-        let bad = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", path.display());
-        let all = self
-            .steps
+        let title = format!(
+            "{} on {}, {} px of error",
+            self.character, self.device, self.pixel_error_px
+        );
+        let all: Vec<Curve> = METHODS
             .iter()
-            .flat_map(|s| s.ms_per_1000.iter().map(|c| c.ms));
-        let (mut low, mut high) = (f64::MAX, 1e-3f64);
-        for ms in all.filter(|&ms| ms > 0.0) {
-            (low, high) = (low.min(ms), high.max(ms));
-        }
-        let heights = HEIGHTS_PX[0]..HEIGHTS_PX[HEIGHTS_PX.len() - 1];
-        let mut svg = String::new();
-        {
-            let root = SVGBackend::with_string(&mut svg, (900, 560)).into_drawing_area();
-            root.fill(&WHITE).map_err(|e| bad(&e))?;
-            let title = format!(
-                "{} on {}, {} px of error",
-                self.character, self.device, self.pixel_error_px
-            );
-            let mut chart = ChartBuilder::on(&root)
-                .caption(title, ("sans-serif", 16))
-                .margin(12)
-                .x_label_area_size(44)
-                .y_label_area_size(64)
-                .build_cartesian_2d(heights.log_scale(), (low * 0.8..high * 1.3).log_scale())
-                .map_err(|e| bad(&e))?;
-            chart
-                .configure_mesh()
-                .x_desc("projected height, pixels")
-                .y_desc("milliseconds per 1,000 agents")
-                .x_label_formatter(&|x| format!("{x:.0}"))
-                .y_label_formatter(&|y| format!("{y:.2}"))
-                .draw()
-                .map_err(|e| bad(&e))?;
-            for (i, (name, _)) in METHODS.iter().enumerate() {
-                let color = [&BLUE, &RED, &GREEN, &BLACK][i];
+            .map(|(name, _)| Curve {
+                name: name.to_string(),
+                points: (self.steps.iter())
+                    .filter_map(|s| Some((s.height_px as f64, s.ms(name)?)))
+                    .filter(|p| p.1 > 0.0)
+                    .collect(),
                 // The hybrid lies over one of the others.
-                let style = color.stroke_width(if *name == "hybrid" { 1 } else { 3 });
-                let points = self
-                    .steps
-                    .iter()
-                    .filter_map(|s| Some((s.height_px, s.ms(name)?)));
-                let points = points.filter(|p| p.1 > 0.0);
-                chart
-                    .draw_series(LineSeries::new(points, style))
-                    .map_err(|e| bad(&e))?
-                    .label(*name)
-                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
-            }
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperLeft)
-                .border_style(BLACK)
-                .background_style(WHITE)
-                .draw()
-                .map_err(|e| bad(&e))?;
-            root.present().map_err(|e| bad(&e))?;
-        }
-        write_file(path, svg.as_bytes())
+                width: if *name == "hybrid" { 1 } else { 3 },
+            })
+            .collect();
+        let axes = ["projected height, pixels", "milliseconds per 1,000 agents"];
+        curves(path, &title, axes, &all)
     }
 }
 

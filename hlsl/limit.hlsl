@@ -1,0 +1,120 @@
+// limit: draws triangles and quads that were transformed before, for the least that their picture can cost. Compiled for each
+// kind of mesh, and with IMPOSTOR for quads. With TRANSFORM, CSTransform writes what the stage's vertex shader hands to its pixel shader, once;
+// VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor draw the same triangles in one colour.
+// In: instance lists of the select stage; out: transformed[instance][vertex], LIMIT_ROWS each. Threads of CSTransform: one per
+// vertex number along x, groups along y are instances.
+
+#ifdef IMPOSTOR
+#include "impostor.hlsl"
+[[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
+#define LIMIT_ROWS 6
+#else
+#include "mesh.hlsl"
+#if defined(TEXTURED) && defined(DOUBLE_SIDED)
+#define LIMIT_ROWS 4
+#elif defined(TEXTURED) || defined(DOUBLE_SIDED)
+#define LIMIT_ROWS 3
+#else
+#define LIMIT_ROWS 2
+#endif
+#endif
+
+// Rows of a vertex as attributes, in the order in which CSTransform writes them.
+struct TransformedVertex
+{
+    [[vk::location(0)]] float4 position : ATTRIBUTE0;
+    [[vk::location(1)]] float4 row1 : ATTRIBUTE1;
+#if LIMIT_ROWS > 2
+    [[vk::location(2)]] float4 row2 : ATTRIBUTE2;
+#endif
+#if LIMIT_ROWS > 3
+    [[vk::location(3)]] float4 row3 : ATTRIBUTE3;
+#endif
+#ifdef IMPOSTOR
+    [[vk::location(4)]] float4 row4 : ATTRIBUTE4;
+    [[vk::location(5)]] uint4 row5 : ATTRIBUTE5;
+#endif
+};
+
+#ifdef TRANSFORM
+[[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
+[[vk::binding(0, 2)]] RWStructuredBuffer<float4> transformed;
+
+InstanceAttributes AttributesOf(Instance instance)
+{
+    InstanceAttributes attributes;
+    attributes.position_cos = float4(instance.position, instance.heading_cos);
+    attributes.seed_live_packed_sin =
+        uint4(instance.tint_seed, instance.live_vertex_count, instance.packed, asuint(instance.heading_sin));
+    attributes.sample_entries = instance.sample_entries;
+    attributes.weights_shadow = float4(instance.sample_weights, instance.shadow_radius);
+    return attributes;
+}
+
+[numthreads(SELECT_GROUP_SIZE, 1, 1)]
+void CSTransform(uint3 thread : SV_DispatchThreadID)
+{
+    if (thread.x >= draw.probe_vertex_count)
+    {
+        return;
+    }
+    InstanceAttributes attributes = AttributesOf(instances[draw.probe_instance + thread.y]);
+#ifdef IMPOSTOR
+    Interpolants i = VSMain(draw.first_vertex + thread.x, attributes);
+#else
+    Interpolants i = VSMain(thread.x, attributes);
+#endif
+    uint row = (draw.probe_output + thread.y * draw.probe_vertex_count + thread.x) * LIMIT_ROWS;
+    transformed[row] = i.position;
+#ifdef IMPOSTOR
+    transformed[row + 1u] = i.uv_depth;
+    transformed[row + 2u] = float4(i.height_depth, 0.0, 0.0);
+    transformed[row + 3u] = i.sun_mip;
+    transformed[row + 4u] = i.up_haze;
+    transformed[row + 5u] = asfloat(i.depth_fade_tint);
+#else
+    transformed[row + 1u] = i.color;
+#ifdef TEXTURED
+    transformed[row + 2u] = float4(i.uv_layer, 0.0);
+#endif
+#ifdef DOUBLE_SIDED
+    transformed[row + LIMIT_ROWS - 1u] = float4(i.color_back, 0.0);
+#endif
+#endif
+}
+
+#endif
+
+Interpolants VSLimit(TransformedVertex v)
+{
+    Interpolants o;
+    o.position = v.position;
+#ifdef IMPOSTOR
+    o.uv_depth = v.row1;
+    o.height_depth = v.row2.xy;
+    o.sun_mip = v.row3;
+    o.up_haze = v.row4;
+    o.depth_fade_tint = v.row5;
+#else
+    o.color = v.row1;
+#ifdef TEXTURED
+    o.uv_layer = v.row2.xyz;
+#endif
+#if defined(TEXTURED) && defined(DOUBLE_SIDED)
+    o.color_back = v.row3.xyz;
+#elif defined(DOUBLE_SIDED)
+    o.color_back = v.row2.xyz;
+#endif
+#endif
+    return o;
+}
+
+float4 VSFloor([[vk::location(0)]] float4 position : ATTRIBUTE0) : SV_Position
+{
+    return position;
+}
+
+float4 PSFloor() : SV_Target
+{
+    return float4(0.5, 0.5, 0.5, 1.0);
+}

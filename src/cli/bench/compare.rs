@@ -1,0 +1,367 @@
+//! `throng bench methods`, `scale` and `limit`: the scene drawn in several ways beside each other.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use serde::Serialize;
+
+use super::plot::{Bar, Curve, bars, curves};
+use super::turns::{self, Contender, Entry};
+use super::{Arguments, Name, flip};
+use crate::cli::measure::{FrameTime, MethodName, Studio};
+use crate::cli::output::{Progress, Table, grouped, say, write_json};
+use crate::cli::shot::Shot;
+
+const ALL_METHODS: [MethodName; 6] = [
+    MethodName::Hybrid,
+    MethodName::Lod,
+    MethodName::Flat,
+    MethodName::Quad,
+    MethodName::Full,
+    MethodName::Uninstanced,
+];
+const SCALE: [usize; 9] = [
+    100, 316, 1_000, 3_162, 10_000, 31_623, 100_000, 316_228, 1_000_000,
+];
+
+#[derive(Serialize)]
+struct Results {
+    experiment: Name,
+    setup: Setup,
+    steps: Vec<Step>,
+}
+
+/// What the figures depend on.
+#[derive(Serialize)]
+struct Setup {
+    version: &'static str,
+    device: String,
+    driver: String,
+    /// CPU cores that the program may use.
+    cores: usize,
+    scene: String,
+    characters: Vec<String>,
+    size_px: [u32; 2],
+    pixel_error_px: f32,
+    runs: usize,
+    /// The method whose triangles and quads `limit` and `floor` draw.
+    limit_of: &'static str,
+}
+
+/// One number of agents.
+#[derive(Serialize)]
+struct Step {
+    agents: u64,
+    entries: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    #[serde(flatten)]
+    entry: Entry,
+    /// Microseconds of wall time per agent.
+    us_per_agent: f64,
+    /// Median wall time as a multiple of that of `limit`, and of `floor`.
+    to_limit: Option<f64>,
+    to_floor: Option<f64>,
+    /// Mean FLIP error against the many-sampled picture, where it was asked for.
+    flip: Option<f64>,
+}
+
+/// Runs the experiment.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let progress = Progress::default();
+    let is_scale = arguments.name == Name::Scale;
+    let methods = match (&arguments.methods[..], arguments.name) {
+        ([], Name::Methods) => &ALL_METHODS[..],
+        ([], _) => &ALL_METHODS[..1],
+        (given, _) => given,
+    };
+    if let Some(twice) = (1..methods.len()).find(|&i| methods[..i].contains(&methods[i])) {
+        bail!("--method: {} is there twice", methods[twice].name());
+    }
+    let scene = if is_scale { "scale" } else { "street" };
+    let mut shot = arguments.shot(scene, true, &progress)?;
+    let counts = match &arguments.agents[..] {
+        [] if is_scale => SCALE.to_vec(),
+        [] => vec![shot.scene.agent_count()],
+        given => given.to_vec(),
+    };
+    let device = arguments.device.as_deref();
+    let mut studio = Studio::new(&shot, device, arguments.size.0, 1)?;
+    let contenders: Vec<Contender> = methods
+        .iter()
+        .map(|&m| Contender::Method(m, true))
+        .chain([Contender::Limit, Contender::Floor])
+        .collect();
+    let bar = progress.bar("Measuring", (counts.len() * arguments.runs) as u64);
+    let mut steps = Vec::new();
+    for count in counts {
+        if count != shot.scene.agent_count() {
+            shot.set_agent_count(count);
+        }
+        let entries = turns::measure(
+            &shot,
+            &mut studio,
+            &contenders,
+            arguments.pixel_error,
+            arguments.runs,
+            &bar,
+        )?;
+        steps.push(Step::new(count as u64, entries));
+    }
+    bar.finish_and_clear();
+    if arguments.flip {
+        let line = progress.spinner("Comparing pictures");
+        match flip::measure(&shot, &mut studio, device, arguments.pixel_error, methods) {
+            Ok(errors) => {
+                for (row, error) in steps.iter_mut().flat_map(|s| &mut s.entries).zip(errors) {
+                    row.flip = Some(error);
+                }
+            }
+            Err(e) => progress.warn(&format!("FLIP is not measured: {e}")),
+        }
+        line.finish_and_clear();
+    }
+    let results = Results {
+        experiment: arguments.name,
+        setup: Setup::new(
+            arguments,
+            &shot,
+            turns::limit_of(&contenders),
+            &steps,
+            arguments.scene_name(scene),
+        ),
+        steps,
+    };
+    say(&results)?;
+    if let Some(path) = &arguments.plot {
+        results.plot(path)?;
+    }
+    match &arguments.json {
+        Some(path) => write_json(path, &results),
+        None => Ok(()),
+    }
+}
+
+impl Setup {
+    fn new(
+        arguments: &Arguments,
+        shot: &Shot,
+        limit_of: MethodName,
+        steps: &[Step],
+        scene: &str,
+    ) -> Self {
+        let report = steps
+            .first()
+            .and_then(|s| Some(&s.entries.first()?.entry.report));
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            device: report.map_or_else(String::new, |r| r.device.clone()),
+            driver: report.map_or_else(String::new, |r| r.driver.clone()),
+            cores: std::thread::available_parallelism().map_or(0, usize::from),
+            scene: scene.into(),
+            characters: shot.characters.iter().map(|c| c.name.clone()).collect(),
+            size_px: arguments.size.0,
+            pixel_error_px: arguments.pixel_error,
+            runs: arguments.runs,
+            limit_of: limit_of.name(),
+        }
+    }
+}
+
+impl Step {
+    fn new(agents: u64, entries: Vec<Entry>) -> Self {
+        let ms = |name: &str| {
+            let entry = entries.iter().find(|e| e.report.method == name)?;
+            Some(entry.report.frame_ms.median).filter(|&ms| ms > 0.0)
+        };
+        let (limit, floor) = (ms(Contender::Limit.name()), ms(Contender::Floor.name()));
+        let rows = entries.into_iter().map(|entry| {
+            let ms = entry.report.frame_ms.median;
+            let multiple = |of: Option<f64>| of.filter(|_| ms > 0.0).map(|of| ms / of);
+            Row {
+                us_per_agent: ms * 1e3 / agents.max(1) as f64,
+                to_limit: multiple(limit),
+                to_floor: multiple(floor),
+                flip: None,
+                entry,
+            }
+        });
+        Self {
+            agents,
+            entries: rows.collect(),
+        }
+    }
+
+    fn row(&self, method: &str) -> Option<&Row> {
+        self.entries
+            .iter()
+            .find(|r| r.entry.report.method == method)
+    }
+}
+
+impl Row {
+    fn agents_as(&self, kind: &str) -> Option<u64> {
+        let all = &self.entry.report.representations;
+        all.iter().find(|r| r.kind == kind).map(|r| r.agents)
+    }
+}
+
+impl Results {
+    /// For `scale` microseconds per agent over agents; else milliseconds by method.
+    fn plot(&self, path: &Path) -> Result<()> {
+        let setup = &self.setup;
+        let title = format!(
+            "{} on {}, {} px of error",
+            setup.scene, setup.device, setup.pixel_error_px
+        );
+        let Some(first) = self.steps.first() else {
+            return Ok(());
+        };
+        if let [only] = &self.steps[..] {
+            let measured = only
+                .entries
+                .iter()
+                .filter(|r| r.entry.report.frame_ms.median > 0.0);
+            let all: Vec<Bar> = measured
+                .map(|r| Bar {
+                    name: r.entry.report.method.into(),
+                    value: r.entry.report.frame_ms.median,
+                    whisker: [r.entry.report.frame_ms.min, r.entry.report.frame_ms.p95],
+                })
+                .collect();
+            return bars(
+                path,
+                &title,
+                "milliseconds: median, least to 95th percentile",
+                &all,
+            );
+        }
+        let names = first.entries.iter().map(|r| r.entry.report.method);
+        let all: Vec<Curve> = names
+            .map(|name| Curve {
+                name: name.into(),
+                points: (self.steps.iter())
+                    .filter_map(|s| Some((s.agents as f64, s.row(name)?.us_per_agent)))
+                    .filter(|p| p.1 > 0.0)
+                    .collect(),
+                width: 2,
+            })
+            .collect();
+        curves(path, &title, ["agents", "microseconds per agent"], &all)
+    }
+}
+
+impl std::fmt::Display for Results {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let s = &self.setup;
+        let [width, height] = s.size_px;
+        writeln!(
+            f,
+            "{}, {}, {} cores; scene {}, {width} x {height}, {} px of error; limit and floor draw the frame of {}\n",
+            s.device, s.driver, s.cores, s.scene, s.pixel_error_px, s.limit_of
+        )?;
+        let mut table = Table::new([
+            "agents",
+            "method",
+            "runs",
+            "ms median",
+            "p95",
+            "min",
+            "spread",
+            "CPU ms",
+            "us/agent",
+            "x limit",
+            "x floor",
+            "FLIP",
+        ]);
+        let optional =
+            |x: Option<f64>, digits: usize| x.map_or("-".into(), |x| format!("{x:.digits$}"));
+        let rows = || {
+            self.steps
+                .iter()
+                .flat_map(|s| s.entries.iter().map(move |r| (s.agents, r)))
+        };
+        for (agents, row) in rows() {
+            let r = &row.entry.report;
+            let t = &r.frame_ms;
+            table.row([
+                grouped(agents),
+                r.method.into(),
+                t.runs.to_string(),
+                format!("{:.1}", t.median),
+                format!("{:.1}", t.p95),
+                format!("{:.1}", t.min),
+                format!("{:.0} %", 100.0 * t.spread),
+                optional(r.cpu_ms.map(|t: FrameTime| t.median), 1),
+                format!("{:.2}", row.us_per_agent),
+                optional(row.to_limit, 2),
+                optional(row.to_floor, 2),
+                optional(row.flip, 5),
+            ]);
+        }
+        writeln!(f, "{table}")?;
+        let mut table = Table::new([
+            "agents",
+            "method",
+            "visible",
+            "triangles",
+            "draw calls",
+            "vertex-shader runs",
+            "mesh",
+            "flat",
+            "quad",
+        ]);
+        for (agents, row) in rows() {
+            let r = &row.entry.report;
+            let kind = |k| row.agents_as(k).map_or("-".into(), grouped);
+            table.row([
+                grouped(agents),
+                r.method.into(),
+                grouped(r.visible),
+                grouped(r.triangles),
+                grouped(r.draw_calls),
+                r.vertex_invocations.map_or("-".into(), grouped),
+                kind("mesh"),
+                kind("flat"),
+                kind("quad"),
+            ]);
+        }
+        writeln!(f, "{table}")?;
+        const STAGES: [&str; 7] = [
+            "upload", "select", "mesh", "ground", "shadow", "sky", "impostor",
+        ];
+        let mut table = Table::new([
+            "agents",
+            "ms of stage",
+            "upload",
+            "select",
+            "mesh",
+            "ground",
+            "shadow",
+            "sky",
+            "impostor",
+        ]);
+        for (agents, row) in rows() {
+            let r = &row.entry.report;
+            let [a, b, c, d, e, g, h] = STAGES.map(|name| {
+                let stage = r.stage_ms.iter().find(|s| s.stage == name);
+                optional(stage.map(|s| s.ms), 2)
+            });
+            table.row([grouped(agents), r.method.into(), a, b, c, d, e, g, h]);
+        }
+        write!(f, "{table}")?;
+        for (agents, row) in rows() {
+            if let Some(note) = &row.entry.note {
+                writeln!(
+                    f,
+                    "\n{}, {} agents: {note}",
+                    row.entry.report.method,
+                    grouped(agents)
+                )?;
+            }
+        }
+        Ok(())
+    }
+}

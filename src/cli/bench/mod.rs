@@ -1,0 +1,180 @@
+//! `throng bench`: what drawing costs. One file per experiment; [`turns`] is how every one of them measures.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use serde::Serialize;
+
+use super::cache;
+use super::impostors::Plan;
+use super::measure::MethodName;
+use super::render::Size;
+use super::shot::{Request, Shot};
+use super::source::Recipe;
+
+mod compare;
+mod flip;
+mod height;
+mod plot;
+mod ramos;
+mod turns;
+
+/// Measure what drawing costs: methods beside each other, the number of agents, papers' experiments
+#[derive(clap::Args)]
+#[command(
+    long_about = "Measures what drawing costs.\n\n\
+        methods: every method on one scene.\n\n\
+        scale: cost per agent from 100 to 1,000,000 agents.\n\n\
+        limit: the hybrid beside the least that this driver can spend on its picture. `limit` draws the very triangles \
+        and quads of that frame from static buffers, already transformed, with the same pixel shaders; `floor` draws \
+        them in one flat colour. Both draw ground, contact shadows and sky as usual. `methods` and `scale` say every \
+        figure as a multiple of both, too.\n\n\
+        ramos: Ramos, Ripolles and Chover 2012. Triangles with and without levels of detail over the number of agents \
+        (figure 3b); milliseconds with instancing and without, and with levels of detail and without (figure 4a); draw \
+        calls (figure 4b); animation on and off (figure 3a); bytes per vertex (table 2).\n\n\
+        height: milliseconds per 1,000 agents of one character by projected height, from 4 to 400 pixels, in every \
+        representation, and how near the hybrid is to the cheapest one that --pixel-error allows.\n\n\
+        How it is measured: everything compared takes turns, frame by frame (A B C A B C ...), so that a machine that \
+        grows slower does so for all alike. Every turn draws the next frame of the scene: agents walk. Before that each \
+        draws frames until they grow faster no more, because drivers compile shaders at the first draws. Frames so slow \
+        that --runs of them would take more than half a minute are drawn less often, three times at least; the table \
+        says how often. `ms` is wall time from handing over the agents to the finished picture, `CPU ms` is what all \
+        threads of the process spent on it, `spread` is the middle half of the frames (from the first to the third \
+        quartile) in percent of the median: the noise. Absolute times are this machine's; compare ratios.",
+    after_help = "Examples:\n  \
+        throng bench methods                            every method on the street\n  \
+        throng bench methods --scene stampede --method hybrid,lod --flip\n  \
+        throng bench methods --scene foxes -c Fox.glb   a scene of 10,000 of your own\n  \
+        throng bench scale --plot scale.svg --json scale.json\n  \
+        throng bench limit --scene plaza\n  \
+        throng bench ramos --agents 1000,10000 -c ped.glb --json ramos.json\n  \
+        throng bench height -c fox.glb --plot height.svg"
+)]
+pub struct Arguments {
+    /// Which experiment
+    #[arg(value_enum, default_value = "methods")]
+    name: Name,
+    /// Numbers of agents: for scale 100 to 1,000,000 where left out, for ramos 1,000 to 10,000, else the scene's
+    #[arg(short = 'n', long, value_name = "N,N,...", value_delimiter = ',')]
+    agents: Vec<usize>,
+    /// A scene file, or the name of a built-in scene; for scale `scale`, for ramos `plaza`, else `street` where left out
+    #[arg(long)]
+    scene: Option<String>,
+    /// A character in place of the scene's; may be repeated. For height: the one that is measured
+    #[arg(short, long = "character", value_name = "FILE")]
+    characters: Vec<String>,
+    /// Which of the scene's cameras
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// What is compared, for methods, scale and limit; for methods all of them where left out, else hybrid
+    #[arg(
+        long = "method",
+        value_name = "METHOD,METHOD,...",
+        value_delimiter = ','
+    )]
+    methods: Vec<MethodName>,
+    /// Largest error of levels of detail and impostors in pixels
+    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    pixel_error: f32,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "1024x768")]
+    size: Size,
+    #[command(flatten)]
+    cache: cache::Options,
+    /// Frames timed of each kind, after those that warm up; slow ones get fewer
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    runs: usize,
+    /// Also measures each picture's mean FLIP error against `full` with 16 samples per pixel, for methods: takes a minute
+    #[arg(long)]
+    flip: bool,
+    /// A part of the device's name, or its index
+    #[arg(long, value_name = "DEVICE")]
+    device: Option<String>,
+    /// Also write everything that was measured as JSON, every frame's time included
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Also write a plot
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Name {
+    /// Every method on one scene
+    Methods,
+    /// Cost by the number of agents
+    Scale,
+    /// The hybrid beside the least that its picture can cost
+    Limit,
+    /// Ramos et al. 2012: continuous levels of detail for animated crowds
+    Ramos,
+    /// Every representation by projected height
+    Height,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.runs == 0 || arguments.agents.contains(&0) {
+        bail!("--runs and --agents have to be at least 1");
+    }
+    let e = arguments.pixel_error;
+    if !(e >= 0.0 && e.is_finite()) {
+        bail!("--pixel-error {e}: it is not a number of at least 0");
+    }
+    let only = |given: bool, option: &str, names: &[Name]| match given
+        && !names.contains(&arguments.name)
+    {
+        true => bail!("{option}: it is not for {:?}", arguments.name),
+        false => Ok(()),
+    };
+    use Name::{Limit, Methods, Ramos, Scale};
+    only(arguments.flip, "--flip", &[Methods])?;
+    only(
+        !arguments.methods.is_empty(),
+        "--method",
+        &[Methods, Scale, Limit],
+    )?;
+    only(
+        !arguments.agents.is_empty(),
+        "--agents",
+        &[Methods, Scale, Limit, Ramos],
+    )?;
+    only(
+        arguments.scene.is_some(),
+        "--scene",
+        &[Methods, Scale, Limit, Ramos],
+    )?;
+    match arguments.name {
+        Name::Methods | Name::Scale | Name::Limit => compare::run(arguments),
+        Name::Ramos => ramos::run(arguments),
+        Name::Height => height::run(arguments),
+    }
+}
+
+impl Arguments {
+    /// The scene with its characters, baked with impostors where `impostors` says so.
+    fn shot(
+        &self,
+        default_scene: &str,
+        impostors: bool,
+        progress: &super::output::Progress,
+    ) -> Result<Shot> {
+        let request = Request {
+            scene: Some(self.scene_name(default_scene)),
+            characters: &self.characters,
+            camera: self.camera.as_deref(),
+            ..Request::default()
+        };
+        let recipe = Recipe {
+            impostors: impostors.then(|| Plan::on(self.device.as_deref())),
+            cache: self.cache.open(),
+            ..Recipe::default()
+        };
+        Shot::new(&request, &recipe, progress)
+    }
+
+    fn scene_name<'a>(&'a self, default: &'a str) -> &'a str {
+        self.scene.as_deref().unwrap_or(default)
+    }
+}
