@@ -59,6 +59,8 @@ const MODULES: &[ModuleRow] = &[
     ("limit_mesh_textured_double_vs", "limit.hlsl", "VSLimit", VERTEX, &["TEXTURED", "DOUBLE_SIDED"]),
     ("limit_impostor_cs", "limit.hlsl", "CSTransform", COMPUTE, &["TRANSFORM", "IMPOSTOR"]),
     ("limit_impostor_vs", "limit.hlsl", "VSLimit", VERTEX, &["IMPOSTOR"]),
+    ("limit_impostor_soft_cs", "limit.hlsl", "CSTransform", COMPUTE, &["TRANSFORM", "IMPOSTOR", "SOFT"]),
+    ("limit_impostor_soft_vs", "limit.hlsl", "VSLimit", VERTEX, &["IMPOSTOR", "SOFT"]),
     ("limit_floor_vs", "limit.hlsl", "VSFloor", VERTEX, &[]),
     ("limit_floor_ps", "limit.hlsl", "PSFloor", FRAGMENT, &[]),
     ("ground_vs", "ground.hlsl", "VSMain", VERTEX, &[]),

@@ -1,13 +1,18 @@
 // limit: draws triangles and quads that were transformed before, for the least that their picture can cost. Compiled for each
-// kind of mesh, and with IMPOSTOR for quads. With TRANSFORM, CSTransform writes what the stage's vertex shader hands to its pixel shader, once;
-// VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor draw the same triangles in one colour.
+// kind of mesh, and with IMPOSTOR for quads, with SOFT for blended ones. With TRANSFORM, CSTransform writes what the stage's
+// vertex shader hands to its pixel shader, once; VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor
+// draw the same triangles in one colour.
 // In: instance lists of the select stage; out: transformed[instance][vertex], LIMIT_ROWS each. Threads of CSTransform: one per
 // vertex number along x, groups along y are instances.
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
-#define LIMIT_ROWS 6
+#ifdef SOFT
+#define LIMIT_ROWS 5
+#else
+#define LIMIT_ROWS 7
+#endif
 #else
 #include "mesh.hlsl"
 #if defined(TEXTURED) && defined(DOUBLE_SIDED)
@@ -30,9 +35,12 @@ struct TransformedVertex
 #if LIMIT_ROWS > 3
     [[vk::location(3)]] float4 row3 : ATTRIBUTE3;
 #endif
-#ifdef IMPOSTOR
+#if LIMIT_ROWS > 4
     [[vk::location(4)]] float4 row4 : ATTRIBUTE4;
+#endif
+#if LIMIT_ROWS > 5
     [[vk::location(5)]] uint4 row5 : ATTRIBUTE5;
+    [[vk::location(6)]] float4 row6 : ATTRIBUTE6;
 #endif
 };
 
@@ -67,11 +75,14 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     uint row = (draw.probe_output + thread.y * draw.probe_vertex_count + thread.x) * LIMIT_ROWS;
     transformed[row] = i.position;
 #ifdef IMPOSTOR
-    transformed[row + 1u] = i.uv_depth;
-    transformed[row + 2u] = float4(i.height_depth, 0.0, 0.0);
-    transformed[row + 3u] = i.sun_mip;
-    transformed[row + 4u] = i.up_haze;
-    transformed[row + 5u] = asfloat(i.depth_fade_tint);
+    transformed[row + 1u] = float4(i.uv_height, 0.0);
+    transformed[row + 2u] = i.sun_mip;
+    transformed[row + 3u] = i.up_haze;
+    transformed[row + 4u] = i.tint_share;
+#ifndef SOFT
+    transformed[row + 5u] = float4(i.depths, asfloat(i.pose_fade));
+    transformed[row + 6u] = float4(i.depth_step, 0.0, 0.0);
+#endif
 #else
     transformed[row + 1u] = i.color;
 #ifdef TEXTURED
@@ -90,11 +101,15 @@ Interpolants VSLimit(TransformedVertex v)
     Interpolants o;
     o.position = v.position;
 #ifdef IMPOSTOR
-    o.uv_depth = v.row1;
-    o.height_depth = v.row2.xy;
-    o.sun_mip = v.row3;
-    o.up_haze = v.row4;
-    o.depth_fade_tint = v.row5;
+    o.uv_height = v.row1.xyz;
+    o.sun_mip = v.row2;
+    o.up_haze = v.row3;
+    o.tint_share = v.row4;
+#ifndef SOFT
+    o.depths = asfloat(v.row5.xyz);
+    o.pose_fade = v.row5.w;
+    o.depth_step = v.row6.xy;
+#endif
 #else
     o.color = v.row1;
 #ifdef TEXTURED

@@ -542,7 +542,8 @@ impl Look {
     fn rows(self) -> u32 {
         match self {
             Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
-            Self::Impostor(_) => 6,
+            Self::Impostor(ImpostorKind::Flat) => 7,
+            Self::Impostor(ImpostorKind::Quad) => 5,
         }
     }
 
@@ -554,17 +555,15 @@ impl Look {
                 (false, true) => "mesh_double",
                 (true, true) => "mesh_textured_double",
             },
-            Self::Impostor(_) => "impostor",
+            Self::Impostor(ImpostorKind::Flat) => "impostor",
+            Self::Impostor(ImpostorKind::Quad) => "impostor_soft",
         };
         format!("limit_{what}_{stage}")
     }
 
+    /// Of the stage that draws it otherwise.
     fn pixel_module(self) -> String {
-        match self {
-            Self::Mesh(_) => self.module("ps").replace("limit_", ""),
-            Self::Impostor(ImpostorKind::Flat) => "impostor_ps".into(),
-            Self::Impostor(ImpostorKind::Quad) => "impostor_soft_ps".into(),
-        }
+        self.module("ps").replace("limit_", "")
     }
 
     fn pipelines(self, cx: &Context, pipelines: &Pipelines) -> Result<Pair, RenderError> {
