@@ -106,9 +106,9 @@ impl RenderError {
         object: impl Into<String>,
         call: &'static str,
     ) -> impl FnOnce(vk::Result) -> Self {
-        let object = object.into();
+        // The name is only made where there is an error.
         move |source| Self::Vulkan {
-            object,
+            object: object.into(),
             call,
             source,
         }

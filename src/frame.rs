@@ -234,7 +234,7 @@ impl FrameOptions {
 /// Milliseconds of one stage.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct StageTime {
-    /// The stage's verb, as in its HLSL file, or `upload` (CPU: writing the agents).
+    /// The stage's verb, as in its HLSL file, or `upload` (CPU: writing the agents) or `record` (CPU: recording commands).
     pub stage: &'static str,
     /// Milliseconds.
     pub ms: f64,

@@ -80,14 +80,22 @@ pub struct Table {
 impl Table {
     /// A table with a first row.
     pub fn new<const N: usize>(heads: [&str; N]) -> Self {
-        Self {
-            rows: vec![heads.map(str::to_string).to_vec()],
-        }
+        Self::with_heads(heads.map(str::to_string).to_vec())
+    }
+
+    /// A table whose number of columns is known only now.
+    pub fn with_heads(heads: Vec<String>) -> Self {
+        Self { rows: vec![heads] }
     }
 
     /// Adds a row.
     pub fn row<const N: usize>(&mut self, cells: [String; N]) {
-        self.rows.push(cells.to_vec());
+        self.push(cells.to_vec());
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, cells: Vec<String>) {
+        self.rows.push(cells);
     }
 }
 

@@ -60,8 +60,10 @@ impl Context {
 
     /// Names a Vulkan object for debuggers and validation messages.
     pub fn set_name<H: Handle>(&self, handle: H, name: &str) {
-        if let (Some(debug), Ok(name)) = (&self.debug, std::ffi::CString::new(self.full_name(name)))
-        {
+        let Some(debug) = &self.debug else {
+            return;
+        };
+        if let Ok(name) = std::ffi::CString::new(self.full_name(name)) {
             let info = vk::DebugUtilsObjectNameInfoEXT::default()
                 .object_handle(handle)
                 .object_name(&name);
@@ -72,8 +74,10 @@ impl Context {
 
     /// Starts a label in a command buffer.
     pub fn begin_label(&self, cmd: vk::CommandBuffer, name: &str) {
-        if let (Some(debug), Ok(name)) = (&self.debug, std::ffi::CString::new(self.full_name(name)))
-        {
+        let Some(debug) = &self.debug else {
+            return;
+        };
+        if let Ok(name) = std::ffi::CString::new(self.full_name(name)) {
             let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
             // SAFETY: `Commands::new` promises that the command buffer is recording.
             unsafe { debug.cmd_begin_debug_utils_label(cmd, &label) };

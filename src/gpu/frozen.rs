@@ -150,12 +150,14 @@ impl Headless {
         })?;
         let renderer = self.renderer.as_ref().ok_or_else(dropped)?;
         let index_count: u64 = frozen.parts.iter().map(|p| p.index_count as u64).sum();
+        let mut stage_ms = Vec::new();
+        renderer.add_stage_times(&frozen.slot, &mut stage_ms);
         Ok(FrameReport {
             draw_calls,
             instances: 0,
             triangles: index_count / 3,
             vertex_invocations: renderer.vertex_invocations(&frozen.slot),
-            stage_ms: renderer.stage_times(&frozen.slot, 0.0),
+            stage_ms,
             frame_ms: None,
             ..frozen.report.clone()
         })

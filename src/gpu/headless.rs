@@ -163,6 +163,21 @@ impl Headless {
         view: &View,
         options: &FrameOptions,
     ) -> Result<FrameReport, RenderError> {
+        let mut report = FrameReport::default();
+        self.render_into(agents, view, options, &mut report)
+            .map(|()| report)
+    }
+
+    /// As [`Headless::render`], with the report in the memory of an earlier one: nothing is allocated in a steady frame.
+    ///
+    /// Errors: those of the renderer's calls.
+    pub fn render_into(
+        &mut self,
+        agents: &[Agent],
+        view: &View,
+        options: &FrameOptions,
+        report: &mut FrameReport,
+    ) -> Result<(), RenderError> {
         let (Some(renderer), Some(target)) = (&mut self.renderer, &mut self.target) else {
             return Err(dropped());
         };
@@ -187,9 +202,9 @@ impl Headless {
         }
         target.drawn = true;
         // SAFETY: the frame's commands are finished: `submit_and_wait` waited for the fence.
-        let mut report = unsafe { renderer.report(0) }?;
+        unsafe { renderer.report_into(0, report) }?;
         report.frame_ms = Some(start.elapsed().as_secs_f64() * 1e3);
-        Ok(report)
+        Ok(())
     }
 
     /// Draws what `record` records into the target and waits for it.

@@ -263,11 +263,17 @@ impl Buffer {
 
     /// Reads `count` values from the start of a host-visible buffer that no pending command writes.
     pub fn read<T: bytemuck::Pod>(&self, count: usize) -> Vec<T> {
-        let mapped = self
-            .allocation
-            .as_ref()
-            .and_then(|a| a.mapped_slice())
-            .unwrap_or(&[]);
-        bytemuck::pod_collect_to_vec(&mapped[..count * size_of::<T>()])
+        bytemuck::pod_collect_to_vec(&self.mapped()[..count * size_of::<T>()])
+    }
+
+    /// Reads value `index` of a buffer as [`Buffer::read`] does; `None` behind its end.
+    pub fn value<T: bytemuck::Pod>(&self, index: usize) -> Option<T> {
+        let bytes = self.mapped().chunks_exact(size_of::<T>()).nth(index)?;
+        Some(bytemuck::pod_read_unaligned(bytes))
+    }
+
+    fn mapped(&self) -> &[u8] {
+        let allocation = self.allocation.as_ref();
+        allocation.and_then(|a| a.mapped_slice()).unwrap_or(&[])
     }
 }

@@ -332,6 +332,7 @@ impl Renderer {
         view: &View,
         options: &FrameOptions,
     ) -> Result<(), RenderError> {
+        let start = Instant::now();
         view.validate()?;
         options.validate()?;
         let tables = &self.tables;
@@ -345,7 +346,11 @@ impl Renderer {
         let constants =
             crate::select::frame_constants(view, options, slot.agents.len() as u32, tables);
         slot.constants.write(0, &[constants]);
-        slot.ranges = tables.ranges(options, &self.costs);
+        let made_for = Some((options.method, options.pixel_error, self.table_version));
+        if slot.ranges_made_for != made_for {
+            slot.ranges = tables.ranges(options, &self.costs);
+            slot.ranges_made_for = made_for;
+        }
         if let Some(buffers) = &mut slot.buffers {
             buffers.ranges.write(0, &slot.ranges);
         }
@@ -385,6 +390,7 @@ impl Renderer {
             drawn: false,
             draw_calls: 0,
             upload_ms: slot.upload_ms,
+            record_ms: start.elapsed().as_secs_f64() * 1e3,
             bins: tables.bands.len(),
         });
         Ok(())
@@ -408,6 +414,7 @@ impl Renderer {
                 reason: "record_uploads comes first: there are characters that were not uploaded",
             });
         }
+        let start = Instant::now();
         let slot = self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))?;
         let Some(mut recorded) = slot.recorded.take() else {
             return Err(RenderError::Order {
@@ -464,6 +471,7 @@ impl Renderer {
         stamp(c, slot, Stamp::ImpostorEnd);
         recorded.draw_calls = c.draw_calls;
         recorded.drawn = true;
+        recorded.record_ms += start.elapsed().as_secs_f64() * 1e3;
         slot.recorded = Some(recorded);
         Ok(())
     }

@@ -22,6 +22,22 @@ impl Renderer {
     ///
     /// Errors: [`RenderError::Order`] where nothing was drawn in the slot.
     pub unsafe fn report(&self, frame: usize) -> Result<FrameReport, RenderError> {
+        let mut report = FrameReport::default();
+        // SAFETY: this function's contract.
+        unsafe { self.report_into(frame, &mut report) }.map(|()| report)
+    }
+
+    /// As [`Renderer::report`], into the memory of an earlier report: allocates nothing once that is large enough.
+    ///
+    /// # Safety
+    /// As for [`Renderer::report`].
+    ///
+    /// Errors: as [`Renderer::report`]; `report` is then as before.
+    pub unsafe fn report_into(
+        &self,
+        frame: usize,
+        report: &mut FrameReport,
+    ) -> Result<(), RenderError> {
         let slot = self.slots.get(frame).ok_or_else(|| no_slot(frame))?;
         let recorded = slot
             .recorded
@@ -31,52 +47,54 @@ impl Renderer {
                 call: "report",
                 reason: "record_select and record_draw come first",
             })?;
-        let (visible, meshes, live_vertices, counts) = match (&recorded.cpu, &slot.buffers) {
-            (Some(selection), _) => (
-                selection.visible,
-                selection.meshes,
-                selection.live_vertices,
-                selection.draws.iter().map(|d| d.instance_count).collect(),
-            ),
-            (None, Some(buffers)) => {
-                let mut tally: Vec<u32> = buffers.readback.read(TALLY_BINS + recorded.bins);
-                let counts = tally.split_off(TALLY_BINS);
-                (
-                    tally[TALLY_VISIBLE] as u64,
-                    tally[TALLY_MESHES] as u64,
-                    tally[TALLY_LIVE_VERTICES_LOW] as u64
-                        + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
-                    counts,
-                )
-            }
-            (None, None) => (0, 0, 0, Vec::new()),
+        let tally = |word: usize| -> u64 {
+            let buffers = slot.buffers.as_ref();
+            let word: Option<u32> = buffers.and_then(|b| b.readback.value(word));
+            word.map_or(0, u64::from)
         };
-        let triangles = counts
-            .iter()
-            .zip(&self.tables.bands)
-            .map(|(&count, band)| count as u64 * (band.index_count / 3) as u64)
-            .sum();
-        let waiting: u64 = counts
-            .iter()
-            .zip(&self.tables.bands)
-            .map(|(&count, band)| count as u64 * band.waiting_vertex_count as u64)
-            .sum();
+        let count = |bin: usize| match &recorded.cpu {
+            Some(selection) => selection.draws.get(bin).map_or(0, |d| d.instance_count) as u64,
+            None => tally(TALLY_BINS + bin),
+        };
+        let (visible, meshes, live_vertices) = match &recorded.cpu {
+            Some(s) => (s.visible, s.meshes, s.live_vertices),
+            None => (
+                tally(TALLY_VISIBLE),
+                tally(TALLY_MESHES),
+                tally(TALLY_LIVE_VERTICES_LOW) + (tally(TALLY_LIVE_VERTICES_HIGH) << 32),
+            ),
+        };
+        let (mut instances, mut triangles, mut waiting) = (0, 0, 0);
+        for (bin, band) in self.tables.bands.iter().enumerate().take(recorded.bins) {
+            let count = count(bin);
+            instances += count;
+            triangles += count * (band.index_count / 3) as u64;
+            waiting += count * band.waiting_vertex_count as u64;
+        }
         let agents = slot.agents.len() as u64;
-        Ok(FrameReport {
-            device: self.device_name().into(),
-            driver: self.driver().into(),
-            agents,
-            visible,
-            culled: agents - visible,
-            draw_calls: recorded.draw_calls,
-            instances: counts.iter().map(|&c| c as u64).sum(),
-            triangles,
-            live_vertices: live_vertices.saturating_sub(waiting),
-            vertex_invocations: self.vertex_invocations(slot),
-            frame_ms: None,
-            stage_ms: self.stage_times(slot, recorded.upload_ms),
-            representations: self.representations(meshes, &counts),
-        })
+        replace(&mut report.device, self.device_name());
+        replace(&mut report.driver, self.driver());
+        report.agents = agents;
+        report.visible = visible;
+        report.culled = agents - visible;
+        report.draw_calls = recorded.draw_calls;
+        report.instances = instances;
+        report.triangles = triangles;
+        report.live_vertices = live_vertices.saturating_sub(waiting);
+        report.vertex_invocations = self.vertex_invocations(slot);
+        report.frame_ms = None;
+        report.stage_ms.clear();
+        for (stage, ms) in [
+            ("upload", recorded.upload_ms),
+            ("record", recorded.record_ms),
+        ] {
+            report.stage_ms.push(StageTime { stage, ms });
+        }
+        self.add_stage_times(slot, &mut report.stage_ms);
+        report.representations.clear();
+        let representations = self.representations(meshes, &count);
+        report.representations.extend(representations);
+        Ok(())
     }
 
     /// The lists of the frame in slot `frame`, sorted by agent; `None` where the renderer does not keep them.
@@ -121,16 +139,14 @@ impl Renderer {
     }
 
     /// Agents by representation, from the lengths of the lists; one that fades counts for both.
-    fn representations(&self, meshes: u64, counts: &[u32]) -> Vec<Representation> {
+    fn representations(&self, meshes: u64, count: &dyn Fn(usize) -> u64) -> [Representation; 3] {
         let mut agents = [0; 2];
         for kind in self.tables.representations.iter().flat_map(|r| &r.kinds) {
-            let place = (kind.kind == Kind::Quad) as usize;
-            agents[place] += counts.get(kind.bin as usize).map_or(0, |&c| c as u64);
+            agents[(kind.kind == Kind::Quad) as usize] += count(kind.bin as usize);
         }
         let [flat, quad] = agents;
         [("mesh", meshes), ("flat", flat), ("quad", quad)]
             .map(|(kind, agents)| Representation { kind, agents })
-            .to_vec()
     }
 
     pub(super) fn vertex_invocations(&self, slot: &Slot) -> Option<u64> {
@@ -152,13 +168,10 @@ impl Renderer {
         Some(counts.iter().sum())
     }
 
-    pub(super) fn stage_times(&self, slot: &Slot, upload_ms: f64) -> Vec<StageTime> {
-        let mut times = vec![StageTime {
-            stage: "upload",
-            ms: upload_ms,
-        }];
+    /// Appends the device's stages, where it has timestamps.
+    pub(super) fn add_stage_times(&self, slot: &Slot, times: &mut Vec<StageTime>) {
         let Some(period_ns) = self.cx.capabilities.timestamp_ns else {
-            return times;
+            return;
         };
         let mut ticks = [0u64; Stamp::Count as usize];
         // SAFETY: as in `vertex_invocations`.
@@ -186,6 +199,11 @@ impl Renderer {
                 });
             }
         }
-        times
     }
+}
+
+/// Gives a string other content in the same memory.
+fn replace(text: &mut String, by: &str) {
+    text.clear();
+    text.push_str(by);
 }

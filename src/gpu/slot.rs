@@ -9,7 +9,7 @@ use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
 use super::pipeline::Pipelines;
 use crate::error::RenderError;
-use crate::frame::{FrameOptions, View};
+use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
     AgentState, DrawCommand, FrameConstants, Instance, MAX_RANGES, RangeInfo, Selected, TALLY_BINS,
 };
@@ -73,6 +73,8 @@ pub(crate) struct Recorded {
     pub drawn: bool,
     pub draw_calls: u64,
     pub upload_ms: f64,
+    /// What recording took on the CPU.
+    pub record_ms: f64,
     /// Lists at the time of recording.
     pub bins: usize,
 }
@@ -88,6 +90,8 @@ pub(crate) struct Slot {
     pub agent_counts: Vec<u32>,
     /// Of the frame, `[character_count][MAX_RANGES]`.
     pub ranges: Vec<RangeInfo>,
+    /// Method, pixel error and version of the tables that they follow from.
+    pub ranges_made_for: Option<(Method, f32, u64)>,
     pub select_set: vk::DescriptorSet,
     pub draw_set: vk::DescriptorSet,
     pub cpu_draw_set: vk::DescriptorSet,
@@ -221,6 +225,7 @@ impl Slot {
             agents: Vec::new(),
             agent_counts: Vec::new(),
             ranges: Vec::new(),
+            ranges_made_for: None,
             select_set: vk::DescriptorSet::null(),
             draw_set: vk::DescriptorSet::null(),
             cpu_draw_set: vk::DescriptorSet::null(),

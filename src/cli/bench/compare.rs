@@ -329,27 +329,24 @@ impl std::fmt::Display for Results {
             ]);
         }
         writeln!(f, "{table}")?;
-        const STAGES: [&str; 7] = [
-            "upload", "select", "mesh", "ground", "shadow", "sky", "impostor",
-        ];
-        let mut table = Table::new([
-            "agents",
-            "ms of stage",
-            "upload",
-            "select",
-            "mesh",
-            "ground",
-            "shadow",
-            "sky",
-            "impostor",
-        ]);
+        let mut stages: Vec<&str> = Vec::new();
+        for stage in rows().flat_map(|(_, row)| &row.entry.report.stage_ms) {
+            if !stages.contains(&stage.stage) {
+                stages.push(stage.stage);
+            }
+        }
+        let heads = ["agents", "ms of stage"]
+            .into_iter()
+            .chain(stages.iter().copied());
+        let mut table = Table::with_heads(heads.map(str::to_string).collect());
         for (agents, row) in rows() {
             let r = &row.entry.report;
-            let [a, b, c, d, e, g, h] = STAGES.map(|name| {
-                let stage = r.stage_ms.iter().find(|s| s.stage == name);
+            let mut cells = vec![grouped(agents), r.method.to_string()];
+            cells.extend(stages.iter().map(|name| {
+                let stage = r.stage_ms.iter().find(|s| s.stage == *name);
                 optional(stage.map(|s| s.ms), 2)
-            });
-            table.row([grouped(agents), r.method.into(), a, b, c, d, e, g, h]);
+            }));
+            table.push(cells);
         }
         write!(f, "{table}")?;
         for (agents, row) in rows() {
