@@ -49,6 +49,7 @@ const MODULES: &[ModuleRow] = &[
     ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[]),
     ("capture_ps", "capture.hlsl", "PSMain", FRAGMENT, &[]),
     ("impostor_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[]),
+    ("impostor_soft_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &["SOFT"]),
     ("limit_mesh_cs", "limit.hlsl", "CSTransform", COMPUTE, &["TRANSFORM"]),
     ("limit_mesh_vs", "limit.hlsl", "VSLimit", VERTEX, &[]),
     ("limit_mesh_textured_cs", "limit.hlsl", "CSTransform", COMPUTE, &["TRANSFORM", "TEXTURED"]),

@@ -13,14 +13,16 @@
 // Vertices in a row of the vertex texture: 2 texels each; of the collapse texture: 1 texel each.
 #define VERTEX_ROW_VERTICES 2048
 // Parts of an impostor's Instance::live_vertex_count.
-#define IMPOSTOR_POSE_MASK 0xfffffu
-#define IMPOSTOR_FADE_SHIFT 20
-#define IMPOSTOR_FADES_OUT 0x10000000u
+#define IMPOSTOR_POSE_MASK 0x7fffffu
+#define IMPOSTOR_FADE_SHIFT 23
+#define IMPOSTOR_FADES_OUT 0x80000000u
+// The bin of all characters' agents that are one quad.
+#define QUAD_BIN 0
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
-// Texels in a row of a character's impostor texture.
-#define IMPOSTOR_ROW_TEXELS 1024
+// Texels in a row of the gallery's table.
+#define GALLERY_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.
 #define IMPOSTOR_MIP_BIAS -0.75
 // Mean of the tints of rule 1, and of rule 2 for a colour of lightness 0.75.
@@ -88,7 +90,7 @@ struct ClipInfo
     float3 sphere_center;
     float sphere_radius;
     float3 box_center;
-    uint first_pose; // of the impostors' pictures
+    uint first_pose; // its texel in the gallery's table
     float3 box_half_extent;
     uint pose_count; // 0 where there are none
     uint first_frame;
@@ -146,7 +148,7 @@ struct Instance
     float3 position; // world
     float heading_cos; // times scale
     uint tint_seed;
-    uint live_vertex_count; // of an impostor: its pose, fade in 255ths from bit 20, bit 28 where it fades out
+    uint live_vertex_count; // of an impostor: its pose's texel, fade in 255ths from bit 23, bit 31 where it fades out
     uint packed; // influences, 1 to 4, in bits 0-2; frames, 1, 2 or 4, in bits 3-5; agent from bit 6
     float heading_sin; // times scale
     uint4 sample_entries; // first palette entry of each frame
@@ -207,21 +209,19 @@ struct FrameConstants
 struct CharacterConstants
 {
     float3 position_min;
-    uint first_view_texel; // in the impostor texture
+    uint padding0;
     float3 position_extent;
-    uint first_tile_texel;
+    uint padding1;
     float2 uv_min;
     float2 uv_extent;
-    float2 atlas_size; // texels of the impostors' pictures
-    float last_mip;
-    float padding;
 };
 
-// Push constants of a submesh's draw.
+// Push constants of a submesh's draw, or of an impostor kind's.
 struct DrawConstants
 {
     uint first_vertex;
     float alpha_cutoff;
+    uint first_quad; // texel in the gallery's table; of impostors whose quads follow joints
     uint probe_vertex_count; // of one instance; probes and limit only
     uint probe_instance; // limit: the first
     uint probe_output; // limit: place of the first instance's first vertex

@@ -6,9 +6,9 @@
 #include "color.hlsli"
 #include "instance.hlsli"
 
-[[vk::binding(5, 1)]] SamplerState atlas_sampler;
-[[vk::binding(9, 1)]] Texture2D<float4> color_texture; // sRGB-encoded colour, coverage
-[[vk::binding(10, 1)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
+[[vk::binding(2, 2)]] Texture2D<float4> color_texture; // sRGB-encoded colour, coverage
+[[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
+[[vk::binding(5, 2)]] SamplerState atlas_sampler;
 
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
@@ -39,7 +39,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    o.uv_height = float3(placed.uv, placed.corner.y - instance.position.y);
+    o.uv_height = float3(GalleryUV(placed), placed.corner.y - instance.position.y);
     float3 sun = frame.to_sun;
     o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);

@@ -5,10 +5,10 @@
 #include "palette.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
-[[vk::binding(6, 1)]] Texture2D<float4> impostor_texture; // quads and views, 2 texels each; tiles, 3
-[[vk::binding(7, 1)]] TextureCubeArray<float4> cells_texture; // three views; by view set
-[[vk::binding(8, 1)]] SamplerState nearest_sampler;
+[[vk::binding(0, 2)]] Texture2D<float4> gallery_texture; // src/impostor.rs says what is where
+[[vk::binding(1, 2)]] TextureCubeArray<float4> cells_texture; // three views; by view set
+[[vk::binding(4, 2)]] SamplerState nearest_sampler;
+[[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 #include "light.hlsli"
 
@@ -19,16 +19,65 @@ struct Placed
     float3 right; // axes of the picture, unit length
     float3 up;
     float3 towards; // right x up: towards the eye, but for the width of a cell
-    float2 uv; // in the atlas
+    float2 uv; // texels of its atlas
+    float atlas; // which of the gallery's
     float depth_extent; // metres
     float depth; // of the corner before the quad's centre, metres
     float mip;
 };
 
-float4 ImpostorTexel(uint i)
+float4 GalleryTexel(uint i)
 {
-    return impostor_texture.Load(int3(i % IMPOSTOR_ROW_TEXELS, i / IMPOSTOR_ROW_TEXELS, 0));
+    return gallery_texture.Load(int3(i % GALLERY_ROW_TEXELS, i / GALLERY_ROW_TEXELS, 0));
 }
+
+// Where a corner's texel is in the gallery's pictures: atlases stand in rows of a grid.
+float2 GalleryUV(Placed placed)
+{
+    float4 grid = GalleryTexel(0u); // 1 over width and height; width of an atlas's place in it; columns
+    float row = floor((placed.atlas + 0.5) / grid.w);
+    float column = placed.atlas - row * grid.w;
+    return (placed.uv + grid.z * float2(column, row)) * grid.xy;
+}
+
+// A quad of an instance: where the gallery's table has it and its first view's tile, and model space from the quad's space.
+struct Posed
+{
+    uint quad;
+    uint tile;
+    float4 row0;
+    float4 row1;
+    float4 row2;
+};
+
+#ifdef SOFT
+// One quad for the whole body, by pose.
+Posed PoseQuad(Instance instance, uint quad)
+{
+    float4 pose = GalleryTexel(instance.live_vertex_count & IMPOSTOR_POSE_MASK);
+    Posed o;
+    o.quad = uint(pose.x + 0.5);
+    o.tile = uint(pose.y + 0.5);
+    o.row0 = float4(1.0, 0.0, 0.0, 0.0);
+    o.row1 = float4(0.0, 1.0, 0.0, 0.0);
+    o.row2 = float4(0.0, 0.0, 1.0, 0.0);
+    return o;
+}
+#else
+// A quad that follows a joint; its space is bind space.
+Posed PoseQuad(Instance instance, uint quad)
+{
+    Posed o;
+    o.quad = draw.first_quad + 3u * quad;
+    float4 texel = GalleryTexel(o.quad + 1u);
+    o.tile = uint(texel.y + 0.5);
+    o.row0 = 0.0;
+    o.row1 = 0.0;
+    o.row2 = 0.0;
+    AddJoint(instance, uint(texel.x + 0.5), 1.0, o.row0, o.row1, o.row2);
+    return o;
+}
+#endif
 
 // The view whose picture stands for a direction: one of the three around it, each for the share of `random` in [0, 1) that
 // the direction's barycentric coordinates give it.
@@ -36,9 +85,9 @@ uint ViewOf(float3 direction, float view_set, uint first_view, float random)
 {
     float3 views = cells_texture.SampleLevel(nearest_sampler, float4(direction, view_set), 0.0).xyz;
     uint3 v = uint3(views + 0.5);
-    float3 a = ImpostorTexel(character.first_view_texel + 2u * (first_view + v.x)).xyz;
-    float3 b = ImpostorTexel(character.first_view_texel + 2u * (first_view + v.y)).xyz;
-    float3 c = ImpostorTexel(character.first_view_texel + 2u * (first_view + v.z)).xyz;
+    float3 a = GalleryTexel(first_view + 2u * v.x).xyz;
+    float3 b = GalleryTexel(first_view + 2u * v.y).xyz;
+    float3 c = GalleryTexel(first_view + 2u * v.z).xyz;
     float3 w = max(float3(dot(direction, cross(b, c)), dot(direction, cross(c, a)), dot(direction, cross(a, b)))
         * sign(dot(a, cross(b, c))), 0.0);
     // Near the middle of a cell every agent shows its view; towards a border they change one by one.
@@ -56,31 +105,15 @@ float QuadRandom(Instance instance, uint quad)
 // Places one corner (0 to 3: left bottom, right bottom, left top, right top) of one quad of an instance.
 Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
 {
-    float4 texel = ImpostorTexel(2u * quad);
+    Posed posed = PoseQuad(instance, quad);
+    float4 row0 = posed.row0;
+    float4 row1 = posed.row1;
+    float4 row2 = posed.row2;
+    float4 texel = GalleryTexel(posed.quad);
     float3 center = texel.xyz;
     float depth_extent = texel.w;
-    texel = ImpostorTexel(2u * quad + 1u);
-    uint first_tile = uint(texel.y + 0.5);
-    uint first_view = uint(texel.z + 0.5);
-    uint packed = uint(texel.w + 0.5); // views, and from bit 12 the view set
-    uint view_count = packed & 0xfffu;
-
-    // Model space from the quad's space: bind space where it follows a joint.
-    float4 row0 = float4(1.0, 0.0, 0.0, 0.0);
-    float4 row1 = float4(0.0, 1.0, 0.0, 0.0);
-    float4 row2 = float4(0.0, 0.0, 1.0, 0.0);
-    uint pose = 0u;
-    if (texel.x >= 0.0)
-    {
-        row0 = 0.0;
-        row1 = 0.0;
-        row2 = 0.0;
-        AddJoint(instance, uint(texel.x + 0.5), 1.0, row0, row1, row2);
-    }
-    else
-    {
-        pose = instance.live_vertex_count & IMPOSTOR_POSE_MASK;
-    }
+    uint first_view = uint(GalleryTexel(posed.quad + 1u).z + 0.5);
+    float4 place = GalleryTexel(posed.quad + 2u); // view set, atlas, last mip
     float scale = sqrt(instance.heading_cos * instance.heading_cos + instance.heading_sin * instance.heading_sin);
 
     // The eye from the quad's centre, in model space and then in the quad's own.
@@ -93,14 +126,13 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     eye -= float3(dot(row0, c), dot(row1, c), dot(row2, c));
     float3 direction = normalize(row0.xyz * eye.x + row1.xyz * eye.y + row2.xyz * eye.z);
 
-    uint view = ViewOf(direction, float(packed >> 12), first_view, random);
-    uint tile = character.first_tile_texel + 3u * (first_tile + pose * view_count + view);
-    float4 plane = ImpostorTexel(tile);
-    float4 uv = ImpostorTexel(tile + 1u);
-    float4 lean = ImpostorTexel(tile + 2u);
-    uint v = character.first_view_texel + 2u * (first_view + view);
-    float3 towards = ImpostorTexel(v).xyz;
-    float3 right = ImpostorTexel(v + 1u).xyz;
+    uint view = ViewOf(direction, place.x, first_view, random);
+    uint tile = posed.tile + 3u * view;
+    float4 plane = GalleryTexel(tile);
+    float4 uv = GalleryTexel(tile + 1u);
+    float4 lean = GalleryTexel(tile + 2u);
+    float3 towards = GalleryTexel(first_view + 2u * view).xyz;
+    float3 right = GalleryTexel(first_view + 2u * view + 1u).xyz;
     float3 up = cross(towards, right);
 
     float2 side = float2(corner & 1u, corner >> 1);
@@ -128,11 +160,12 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.up = axes[1];
     o.towards = axes[2];
     o.uv = lerp(uv.xy, uv.zw, side);
+    o.atlas = place.y;
     o.depth_extent = depth_extent * scale;
     o.depth = depth * scale;
     // Units of the quad's space in a pixel, over those in a texel.
     float pixel = frame.pixel_angle * length(eye);
-    float atlas_texel = (plane.z - plane.x) / max((uv.z - uv.x) * character.atlas_size.x, 1.0);
-    o.mip = clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, character.last_mip);
+    float atlas_texel = (plane.z - plane.x) / max(uv.z - uv.x, 1.0);
+    o.mip = clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, place.z);
     return o;
 }

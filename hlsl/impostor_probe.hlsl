@@ -3,9 +3,8 @@
 
 #include "impostor.hlsli"
 
-[[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(0, 2)]] RWStructuredBuffer<float4> probed; // corner and mip, towards and depth extent, uv and depth; 3 per vertex
+[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // corner and mip, towards and depth extent, uv, depth and atlas; 3 per vertex
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSMain(uint3 thread : SV_DispatchThreadID)
@@ -19,5 +18,5 @@ void CSMain(uint3 thread : SV_DispatchThreadID)
     Placed placed = PlaceQuad(instance, vertex >> 2, vertex & 3u, QuadRandom(instance, vertex >> 2));
     probed[3u * thread.x] = float4(placed.corner, placed.mip);
     probed[3u * thread.x + 1u] = float4(placed.towards, placed.depth_extent);
-    probed[3u * thread.x + 2u] = float4(placed.uv, placed.depth, 0.0);
+    probed[3u * thread.x + 2u] = float4(placed.uv, placed.depth, placed.atlas);
 }

@@ -7,7 +7,6 @@
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
-[[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 #ifdef SOFT
 #define LIMIT_ROWS 5
 #else
@@ -46,7 +45,7 @@ struct TransformedVertex
 
 #ifdef TRANSFORM
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(0, 2)]] RWStructuredBuffer<float4> transformed;
+[[vk::binding(0, 3)]] RWStructuredBuffer<float4> transformed;
 
 InstanceAttributes AttributesOf(Instance instance)
 {

@@ -4,7 +4,7 @@
 #include "mesh.hlsli"
 
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(0, 2)]] RWStructuredBuffer<float4> probed; // position, normal; 2 per vertex
+[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // position, normal; 2 per vertex
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSMain(uint3 thread : SV_DispatchThreadID)

@@ -13,17 +13,19 @@ pub const PALETTE_ROW_ENTRIES: u32 = 1024;
 /// Vertices in a row of the vertex texture, 2 texels each, and of the collapse texture, 1 texel each.
 pub const VERTEX_ROW_VERTICES: u32 = 2048;
 /// Bits of an impostor's [`Instance::live_vertex_count`] that hold its pose.
-pub const IMPOSTOR_POSE_MASK: u32 = 0xf_ffff;
+pub const IMPOSTOR_POSE_MASK: u32 = 0x7f_ffff;
 /// First of its bits that hold its fade, in 255ths.
-pub const IMPOSTOR_FADE_SHIFT: u32 = 20;
+pub const IMPOSTOR_FADE_SHIFT: u32 = 23;
 /// Its bit that says it fades out.
-pub const IMPOSTOR_FADES_OUT: u32 = 0x1000_0000;
+pub const IMPOSTOR_FADES_OUT: u32 = 0x8000_0000;
+/// The bin of all characters' agents that are one quad.
+pub const QUAD_BIN: u32 = 0;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
 pub const FADE_SPAN: f32 = 0.06;
-/// Texels in a row of a character's impostor texture.
-pub const IMPOSTOR_ROW_TEXELS: u32 = 1024;
+/// Texels in a row of the gallery's table.
+pub const GALLERY_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
 /// Mean of the tints of rule 1.
@@ -234,19 +236,17 @@ shared_structs! {
     /// A character's constants for drawing.
     struct CharacterConstants {
         position_min: [f32; 3],
-        first_view_texel: u32,
+        padding0: u32,
         position_extent: [f32; 3],
-        first_tile_texel: u32,
+        padding1: u32,
         uv_min: [f32; 2],
         uv_extent: [f32; 2],
-        atlas_size: [f32; 2],
-        last_mip: f32,
-        padding: f32,
     }
-    /// Push constants of a submesh's draw.
+    /// Push constants of a submesh's draw, or of an impostor kind's.
     struct DrawConstants {
         first_vertex: u32,
         alpha_cutoff: f32,
+        first_quad: u32,
         probe_vertex_count: u32,
         probe_instance: u32,
         probe_output: u32,

@@ -1,115 +1,187 @@
-//! impostor: the quads of all agents that show an impostor kind, one indirect draw per character and
-//! kind. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
+//! impostor: the quads of all agents that show an impostor kind: one indirect draw for all that are one quad, and one per
+//! character whose quads follow its joints. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use ash::vk;
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Quad, Tile};
+use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
-use crate::gpu::{Commands, Drawing};
-use crate::gpu_types::BandInfo;
+use crate::gpu::{Commands, DRAW_STAGES, Drawing};
+use crate::gpu_types::{BandInfo, DrawConstants, QUAD_BIN};
 
-/// Records the draws of every character that has impostors and agents.
+/// Records the draws of all impostors that may have agents.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
     const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
-    let Some(buffers) = &slot.buffers else { return };
-    let layout = pipelines.draw_layout;
-    // What blends comes last.
-    for (soft, pipeline) in [(false, pipelines.impostor), (true, pipelines.impostor_soft)] {
-        let mut bound = false;
-        for (character, resident) in drawing.residents.iter().enumerate() {
-            let bins = || {
-                (resident.first_impostor_bin..)
-                    .zip(&resident.impostor_kinds)
-                    .filter(|&(bin, &k)| is_soft(k) == soft && slot.may_draw(character, bin))
-            };
-            if bins().next().is_none() {
-                continue;
-            }
-            if !bound {
-                c.bind_pipeline(GRAPHICS, pipeline);
-                c.bind_instances(&buffers.instances);
-                c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
-                bound = true;
-            }
-            c.bind_set(GRAPHICS, layout, 1, resident.set);
-            c.bind_indices(&resident.indices);
-            for (bin, _) in bins() {
-                c.draw_indexed_indirect(&buffers.draws, bin, 1);
-            }
-        }
-    }
-}
-
-/// A kind whose edges blend.
-fn is_soft(kind: Kind) -> bool {
-    match kind {
-        Kind::Flat => false,
-        Kind::Quad => true,
-    }
-}
-
-/// The impostor texture of a character: quads and views of all view sets, two texels each, and tiles, three. A
-/// character without impostors has one zero.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Texels {
-    /// In the order of hlsl/impostor.hlsli.
-    pub texels: Vec<[f32; 4]>,
-    /// First texel of the views.
-    pub first_view: u32,
-    /// First texel of the tiles.
-    pub first_tile: u32,
-}
-
-/// Makes the impostor texture of validated impostors.
-pub fn texels(impostors: Option<&Impostors>) -> Texels {
-    let Some(impostors) = impostors else {
-        return Texels {
-            texels: vec![[0.0; 4]],
-            ..Texels::default()
-        };
+    let (Some(buffers), Some(gallery)) = (&slot.buffers, drawing.gallery) else {
+        return;
     };
-    let mut first_views = Vec::with_capacity(impostors.view_sets.len());
-    let mut views = Vec::new();
-    for set in &impostors.view_sets {
-        first_views.push(views.len() as u32 / 2);
-        for (direction, right) in set.directions.iter().zip(&set.rights) {
-            views.push(direction.extend(0.0).to_array());
-            views.push(right.extend(0.0).to_array());
+    let layout = pipelines.draw_layout;
+    let mut bound = false;
+    let mut bind = |c: &mut Commands, pipeline| {
+        c.bind_pipeline(GRAPHICS, pipeline);
+        if !std::mem::replace(&mut bound, true) {
+            c.bind_instances(&buffers.instances);
+            c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
+            c.bind_set(GRAPHICS, layout, 2, gallery.set);
+        }
+    };
+    for (character, resident) in drawing.residents.iter().enumerate() {
+        let kinds = &drawing.tables.representations[character].kinds;
+        for kind in kinds.iter().filter(|k| k.bin != QUAD_BIN) {
+            if slot.may_draw(character, kind.bin) {
+                bind(c, pipelines.impostor);
+                c.bind_set(GRAPHICS, layout, 1, resident.set);
+                c.bind_indices(&resident.indices);
+                let constants = DrawConstants {
+                    first_quad: kind.first_quad_texel,
+                    ..bytemuck::Zeroable::zeroed()
+                };
+                c.push_constants(layout, DRAW_STAGES, &constants);
+                c.draw_indexed_indirect(&buffers.draws, kind.bin, 1);
+            }
         }
     }
-    let mut texels = Vec::new();
-    for quad in &impostors.quads {
-        let set = quad.view_set as usize;
-        let views = impostors.view_sets[set].directions.len() as u32;
-        texels.push(quad.center.extend(quad.depth_extent).to_array());
-        texels.push([
-            joint_texel(quad),
-            quad.first_tile as f32,
-            first_views[set] as f32,
-            (views | (quad.view_set << 12)) as f32,
-        ]);
+    // What blends comes last.
+    if (0..drawing.residents.len()).any(|character| slot.may_draw(character, QUAD_BIN)) {
+        bind(c, pipelines.impostor_soft);
+        c.bind_indices(&gallery.indices);
+        c.draw_indexed_indirect(&buffers.draws, QUAD_BIN, 1);
     }
-    let first_view = texels.len() as u32;
-    texels.append(&mut views);
-    let first_tile = texels.len() as u32;
-    let atlas = [
-        impostors.atlas.width.max(1) as f32,
-        impostors.atlas.height.max(1) as f32,
-    ];
-    for tile in &trimmed_tiles(impostors) {
-        let [u, v] = [0, 1].map(|i| tile.texel[i] as f32 / atlas[i]);
-        let [width, height] = [0, 1].map(|i| tile.size[i] as f32 / atlas[i]);
-        texels.push([tile.min[0], tile.min[1], tile.max[0], tile.max[1]]);
-        // The bottom edge is the last row's.
-        texels.push([u, v + height, u + width, v]);
-        let [x, y, z] = tile.lean;
-        texels.push([x, y, z, 0.0]);
+}
+
+/// The impostors of all characters as the device reads them: a table, cube maps of view cells, and all atlases on a grid of
+/// squares in one picture. Grows, never shrinks. One picture, and not an array, because lavapipe samples arrays of pictures
+/// at twice the cost.
+///
+/// The table is a texture. Texel 0 is 1 over the picture's width and height, the side of a square and the number of columns.
+/// Behind it, for each character:
+/// - a texel for each pose: the texels of its quad and of its first view's tile,
+/// - three for each quad: centre and depth extent; joint (-1: none), texel of its first tile, texel of its first view;
+///   cube map, atlas, last mip,
+/// - two for each view of all view sets: direction; the picture's right,
+/// - three for each tile: `min` and `max` in its plane; its left, bottom, right and top texel in the atlas; lean.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Gallery {
+    /// The table; texel 0 is written when it is uploaded.
+    pub texels: Vec<[f32; 4]>,
+    /// Three views and a zero, `[view set][CUBE_TEXELS]`.
+    pub cells: Vec<[u16; 4]>,
+    /// Side of a square in texels: the longest of any atlas.
+    pub side: u32,
+    /// Mips of the picture: the most of any atlas.
+    pub mip_count: u32,
+    /// Atlases.
+    pub atlas_count: u32,
+}
+
+/// Where a character's impostors stand in the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// Texel of its first pose.
+    pub first_pose: u32,
+    /// Texel of its first quad.
+    pub first_quad: u32,
+}
+
+impl Gallery {
+    /// View sets.
+    pub fn view_set_count(&self) -> u32 {
+        (self.cells.len() / CUBE_TEXELS) as u32
     }
-    Texels {
-        texels,
-        first_view,
-        first_tile,
+
+    /// Texels that a character's block takes.
+    pub fn block_size(impostors: &Impostors) -> u64 {
+        let poses: u64 = impostors
+            .clip_poses
+            .iter()
+            .map(|r| u64::from(r.pose_count))
+            .sum();
+        let views: usize = impostors.view_sets.iter().map(|s| s.directions.len()).sum();
+        poses + (3 * impostors.quads.len() + 2 * views + 3 * impostors.tiles.len()) as u64
+    }
+
+    /// The side of a square where one more atlas has to fit. Every mip of it begins and ends with a texel, as every tile of an
+    /// atlas does.
+    pub fn side_with(&self, atlas: &Atlas) -> u32 {
+        let mip_count = self.mip_count.max(atlas.mip_count);
+        let side = self.side.max(atlas.width).max(atlas.height);
+        side.next_multiple_of(1 << mip_count.saturating_sub(1))
+    }
+
+    /// Columns and rows of the grid.
+    pub fn grid(&self) -> [u32; 2] {
+        let columns = (self.atlas_count as f32).sqrt().ceil().max(1.0) as u32;
+        [columns, self.atlas_count.div_ceil(columns).max(1)]
+    }
+
+    /// Appends the impostors of a validated character.
+    pub fn append(&mut self, impostors: &Impostors) -> Block {
+        if self.texels.is_empty() {
+            self.texels.push([0.0; 4]);
+        }
+        let poses = impostors.clip_poses.iter().map(|r| r.pose_count);
+        let pose_count: u32 = poses.sum();
+        let first_pose = self.texels.len() as u32;
+        let first_quad = first_pose + pose_count;
+        let mut first_view = first_quad + 3 * impostors.quads.len() as u32;
+        let mut first_views = Vec::with_capacity(impostors.view_sets.len());
+        for set in &impostors.view_sets {
+            first_views.push(first_view);
+            first_view += 2 * set.directions.len() as u32;
+        }
+        let first_tile = first_view;
+        let tile = |t: u32| (first_tile + 3 * t) as f32;
+
+        let whole = impostors.kinds.iter().find(|k| k.kind == Kind::Quad);
+        for pose in 0..pose_count {
+            let texel = whole.map_or([0.0; 4], |kind| {
+                let q = &impostors.quads[kind.first_quad as usize];
+                let views = impostors.view_sets[q.view_set as usize].directions.len() as u32;
+                let quad = (first_quad + 3 * kind.first_quad) as f32;
+                [quad, tile(q.first_tile + pose * views), 0.0, 0.0]
+            });
+            self.texels.push(texel);
+        }
+        let last_mip = impostors.atlas.mip_count.saturating_sub(1) as f32;
+        for q in &impostors.quads {
+            let set = q.view_set as usize;
+            let cube = self.view_set_count() + q.view_set;
+            self.texels.push(q.center.extend(q.depth_extent).to_array());
+            self.texels.push([
+                joint_texel(q),
+                tile(q.first_tile),
+                first_views[set] as f32,
+                0.0,
+            ]);
+            self.texels
+                .push([cube as f32, self.atlas_count as f32, last_mip, 0.0]);
+        }
+        for set in &impostors.view_sets {
+            for (direction, right) in set.directions.iter().zip(&set.rights) {
+                self.texels.push(direction.extend(0.0).to_array());
+                self.texels.push(right.extend(0.0).to_array());
+            }
+        }
+        for t in &trimmed_tiles(impostors) {
+            let [u, v] = t.texel.map(f32::from);
+            let [width, height] = t.size.map(f32::from);
+            self.texels.push([t.min[0], t.min[1], t.max[0], t.max[1]]);
+            // The bottom edge is the last row's.
+            self.texels.push([u, v + height, u + width, v]);
+            let [x, y, z] = t.lean;
+            self.texels.push([x, y, z, 0.0]);
+        }
+        for set in &impostors.view_sets {
+            self.cells.extend(&set.cells);
+        }
+        let atlas = &impostors.atlas;
+        self.mip_count = self.mip_count.max(atlas.mip_count);
+        self.side = self.side_with(atlas);
+        self.atlas_count += 1;
+        Block {
+            first_pose,
+            first_quad,
+        }
     }
 }
 
@@ -173,10 +245,19 @@ pub fn indices(quad_count: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The index windows of a character's kinds, one bin each; its quads' indices stand behind all others.
+/// The window of [`QUAD_BIN`].
+pub const ONE_QUAD: BandInfo = BandInfo {
+    first_index: 0,
+    index_count: 6,
+    vertex_count: 4,
+    waiting_vertex_count: 0,
+};
+
+/// The index windows of a character's kinds that have bins of their own; its quads' indices stand behind all others.
 pub fn windows(baked: &Baked) -> Vec<BandInfo> {
     let kinds = baked.impostors.iter().flat_map(|i| &i.kinds);
     kinds
+        .filter(|kind| kind.kind != Kind::Quad)
         .map(|kind| BandInfo {
             first_index: baked.indices.len() as u32 + 6 * kind.first_quad,
             index_count: 6 * kind.quad_count,

@@ -20,6 +20,9 @@ pub(crate) fn record<'a>(
         if bound != Some(pipeline) {
             c.bind_pipeline(GRAPHICS, pipeline);
             c.bind_set(GRAPHICS, layout, 0, drawing.slot.draw_set);
+            if let Some(gallery) = drawing.gallery {
+                c.bind_set(GRAPHICS, layout, 2, gallery.set);
+            }
             bound = Some(pipeline);
         }
         c.bind_set(GRAPHICS, layout, 1, drawing.residents[part.character].set);

@@ -42,9 +42,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
             let constants = DrawConstants {
                 first_vertex: draw.first_vertex,
                 alpha_cutoff: draw.alpha_cutoff.unwrap_or(0.0),
-                probe_vertex_count: 0,
-                probe_instance: 0,
-                probe_output: 0,
+                ..bytemuck::Zeroable::zeroed()
             };
             c.push_constants(layout, DRAW_STAGES, &constants);
             let first_bin = resident.first_bin + draw.first_band;

@@ -9,10 +9,10 @@ use throng_bake::quantize::{decode_position, decode_weights};
 use crate::error::RenderError;
 use crate::frame::FrameOptions;
 use crate::gpu_types::{
-    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, IMPOSTOR_POSE_MASK,
-    LEVEL_SHIFT, LevelInfo, RangeInfo, SubmeshInfo,
+    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
+    RangeInfo, SubmeshInfo,
 };
-use crate::impostor;
+use crate::impostor::{self, Gallery};
 use crate::representation::{CostModel, Representations};
 use crate::scene::lowest_point;
 
@@ -20,7 +20,7 @@ use crate::scene::lowest_point;
 const SHADOW_SHARE: f32 = 1.2;
 
 /// The tables of the select stage: all characters one after the other. Grows, never shrinks.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Tables {
     /// By `CharacterId`.
     pub characters: Vec<CharacterInfo>,
@@ -30,12 +30,30 @@ pub struct Tables {
     pub clip_counts: Vec<u32>,
     /// Submeshes of all characters.
     pub submeshes: Vec<SubmeshInfo>,
-    /// Bands of all submeshes, and behind those of a character the windows of its impostor kinds; the place here is the bin.
+    /// The window of one quad, then the bands of all submeshes, and behind those of a character the windows of its impostor
+    /// kinds that follow joints; the place here is the bin.
     pub bands: Vec<BandInfo>,
     /// Levels of detail of all submeshes.
     pub levels: Vec<LevelInfo>,
     /// What draws each character.
     pub representations: Vec<Representations>,
+    /// Impostors of all characters.
+    pub gallery: Gallery,
+}
+
+impl Default for Tables {
+    fn default() -> Self {
+        Self {
+            characters: Vec::new(),
+            clips: Vec::new(),
+            clip_counts: Vec::new(),
+            submeshes: Vec::new(),
+            bands: vec![impostor::ONE_QUAD],
+            levels: Vec::new(),
+            representations: Vec::new(),
+            gallery: Gallery::default(),
+        }
+    }
 }
 
 impl Tables {
@@ -66,6 +84,7 @@ impl Tables {
         let first_bin = self.bands.len() as u32;
         let joint_count = baked.joints.len() as u32;
         let errors = SkinningErrors::measure(baked);
+        let block = baked.impostors.as_ref().map(|i| self.gallery.append(i));
         self.characters.push(CharacterInfo {
             first_submesh: self.submeshes.len() as u32,
             submesh_count: baked.submeshes.len() as u32,
@@ -89,7 +108,7 @@ impl Tables {
                 sphere_center: clip.sphere_center.into(),
                 sphere_radius: clip.sphere_radius,
                 box_center: center.into(),
-                first_pose: poses.first_pose,
+                first_pose: poses.first_pose + block.map_or(0, |b| b.first_pose),
                 box_half_extent: half_extent.into(),
                 pose_count: poses.pose_count,
                 first_frame: clip.first_frame,
@@ -129,8 +148,12 @@ impl Tables {
         }));
         let first_impostor_bin = self.bands.len() as u32;
         self.bands.extend(impostor::windows(baked));
-        self.representations
-            .push(Representations::new(baked, first_impostor_bin));
+        let first_quad_texel = block.map_or(0, |b| b.first_quad);
+        self.representations.push(Representations::new(
+            baked,
+            first_impostor_bin,
+            first_quad_texel,
+        ));
     }
 }
 
@@ -260,19 +283,15 @@ pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
         .collect()
 }
 
-/// Constants of the character's draws; `texels` are of its impostors.
-pub fn constants(baked: &Baked, texels: &impostor::Texels) -> CharacterConstants {
-    let atlas = baked.impostors.as_ref().map(|i| &i.atlas);
+/// Constants of the character's draws.
+pub fn constants(baked: &Baked) -> CharacterConstants {
     CharacterConstants {
         position_min: baked.position_min.into(),
-        first_view_texel: texels.first_view,
+        padding0: 0,
         position_extent: baked.position_extent.into(),
-        first_tile_texel: texels.first_tile,
+        padding1: 0,
         uv_min: baked.uv_min.into(),
         uv_extent: baked.uv_extent.into(),
-        atlas_size: atlas.map_or([1.0; 2], |a| [a.width as f32, a.height as f32]),
-        last_mip: atlas.map_or(0.0, |a| a.mip_count.saturating_sub(1) as f32),
-        padding: 0.0,
     }
 }
 
@@ -385,14 +404,6 @@ pub fn validate(baked: &Baked) -> Result<(), RenderError> {
             character: baked.name.clone(),
             place: "clips".into(),
             reason: "there are more than 65,536".into(),
-        });
-    }
-    let poses = baked.impostors.iter().flat_map(|i| &i.clip_poses);
-    if poses.map(|r| u64::from(r.pose_count)).sum::<u64>() > u64::from(IMPOSTOR_POSE_MASK) + 1 {
-        return Err(RenderError::BadCharacter {
-            character: baked.name.clone(),
-            place: "impostors".into(),
-            reason: "there are more than 1,048,576 poses".into(),
         });
     }
     throng_bake::validate::validate(baked).map_err(|(place, reason)| RenderError::BadCharacter {

@@ -8,7 +8,7 @@ use throng_bake::baked::{Baked, Band};
 use throng_bake::impostor::{ErrorSample, Kind};
 
 use crate::frame::Method;
-use crate::gpu_types::{BIN_NONE, MAX_RANGES, RangeInfo};
+use crate::gpu_types::{BIN_NONE, MAX_RANGES, QUAD_BIN, RangeInfo};
 
 /// What drawing costs on a device, nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,8 +56,12 @@ pub struct Representations {
 pub struct ImpostorKind {
     /// Which.
     pub kind: Kind,
-    /// Its instance list.
+    /// Its instance list: [`QUAD_BIN`], which all characters share, or one of its own.
     pub bin: u32,
+    /// Texel of the character's first quad in the gallery's table.
+    pub first_quad_texel: u32,
+    /// First of its quads within the character.
+    pub first_quad: u32,
     quad_count: f32,
     /// Mean area of all its quads over squared height.
     area: f32,
@@ -65,8 +69,8 @@ pub struct ImpostorKind {
 }
 
 impl Representations {
-    /// Of a validated character whose impostor bins begin at `first_bin`.
-    pub fn new(baked: &Baked, first_bin: u32) -> Self {
+    /// Of a validated character whose own impostor bins begin at `first_bin`, and its quads at a texel of the gallery's table.
+    pub fn new(baked: &Baked, first_bin: u32, first_quad_texel: u32) -> Self {
         let height = baked
             .clips
             .iter()
@@ -84,8 +88,15 @@ impl Representations {
         };
         let levels = errors.iter().map(|&e| (e, triangles_at(e))).collect();
         let impostors = baked.impostors.as_ref();
-        let kinds = impostors.into_iter().flat_map(|i| {
-            (first_bin..).zip(&i.kinds).map(move |(bin, info)| {
+        let mut own_bins = first_bin..;
+        let kinds = impostors
+            .into_iter()
+            .flat_map(|i| i.kinds.iter().map(move |info| (i, info)))
+            .map(|(i, info)| {
+                let bin = match info.kind {
+                    Kind::Quad => QUAD_BIN,
+                    Kind::Flat => own_bins.next().unwrap_or(QUAD_BIN),
+                };
                 let quads = &i.quads[info.first_quad as usize..][..info.quad_count as usize];
                 let area = quads.iter().map(|q| {
                     let views = i.view_sets[q.view_set as usize].directions.len();
@@ -99,12 +110,13 @@ impl Representations {
                 ImpostorKind {
                     kind: info.kind,
                     bin,
+                    first_quad_texel,
+                    first_quad: info.first_quad,
                     quad_count: info.quad_count as f32,
                     area: area.sum::<f32>() / (height * height),
                     errors: info.errors.clone(),
                 }
-            })
-        });
+            });
         Self {
             height,
             levels,

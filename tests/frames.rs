@@ -207,6 +207,57 @@ fn impostors_are_drawn_alone() {
     assert_silent(&headless);
 }
 
+/// Every character keeps its own pictures, whatever was added before it or after the first frame, and all of them that are
+/// one quad are one draw.
+#[test]
+fn impostors_of_all_characters_share_a_gallery() {
+    let baked = baked_mascot_with_impostors();
+    let mut pale = baked.clone();
+    let atlas = &mut pale.impostors.as_mut().expect("the fixture has them").atlas;
+    for texel in &mut atlas.color {
+        let alpha = texel[3];
+        *texel = texel.map(|c| 255 - c / 4);
+        texel[3] = alpha;
+    }
+    for method in [Method::Quad, Method::Flat] {
+        let picture = |headless: &mut Headless, id| {
+            frame(headless, &trio(id), &options(method));
+            headless.read_image().expect("a picture")
+        };
+        let mut alone = headless(SIZE);
+        let id = alone.add_character(&baked).expect("it uploads");
+        let expected = picture(&mut alone, id);
+
+        let mut shared = headless(SIZE);
+        let first = shared.add_character(&pale).expect("it uploads");
+        let pale_alone = picture(&mut shared, first);
+        let count = differing(&pale_alone, &expected, 8);
+        assert!(count > 2000, "the comparison can fail: {count}");
+        let second = shared.add_character(&baked).expect("it uploads");
+        let third = shared.add_character(&pale).expect("it uploads");
+        // The fixture's tile fills its atlas without a gutter, so its edges are filtered with what stands beside it.
+        for (id, expected) in [
+            (second, &expected),
+            (first, &pale_alone),
+            (third, &pale_alone),
+        ] {
+            let count = differing(&picture(&mut shared, id), expected, 8);
+            assert!(count <= 150, "{method:?}: {count} pixels");
+        }
+
+        let all: Vec<_> = [first, second, third].into_iter().flat_map(trio).collect();
+        let bare = FrameOptions {
+            ground: false,
+            shadows: false,
+            sky: false,
+            ..options(method)
+        };
+        let draws = frame(&mut shared, &all, &bare).draw_calls;
+        assert_eq!(draws, if method == Method::Quad { 1 } else { 3 });
+        assert_silent(&shared);
+    }
+}
+
 #[test]
 fn draw_calls_do_not_depend_on_the_number_of_agents() {
     let (mut headless, id) = with_mascot();

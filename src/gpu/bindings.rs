@@ -44,11 +44,10 @@ pub const SELECT_STORAGE: &[Kind] = &[
 ];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
-/// Character constants, vertices, collapse, palette, texture array and its sampler; impostor texture, cells and their
-/// sampler, the atlas's colour and surface.
-pub const CHARACTER: &[Kind] = &[
-    Uniform, Image, Image, Image, Image, Sampler, Image, Image, Sampler, Image, Image,
-];
+/// Character constants, vertices, collapse, palette, texture array and its sampler.
+pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
+/// The gallery's table, cells, colours and surfaces; the samplers of cells and of colours.
+pub const GALLERY: &[Kind] = &[Image, Image, Image, Image, Sampler, Sampler];
 /// A probe's output, or what `limit` keeps.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.
@@ -59,9 +58,13 @@ pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
     match module {
         "select_count" | "select_scan" | "select_scatter" => &[SELECT],
         "select_count_storage" | "select_scatter_storage" => &[SELECT_STORAGE],
-        "mesh_probe" | "impostor_probe" => &[DRAW, CHARACTER, PROBE],
-        limit if limit.starts_with("limit_") && limit.ends_with("_cs") => &[DRAW, CHARACTER, PROBE],
+        "mesh_probe" | "impostor_probe" | "impostor_soft_probe" => {
+            &[DRAW, CHARACTER, GALLERY, PROBE]
+        }
+        limit if limit.starts_with("limit_") && limit.ends_with("_cs") => {
+            &[DRAW, CHARACTER, GALLERY, PROBE]
+        }
         "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
-        _ => &[DRAW, CHARACTER],
+        _ => &[DRAW, CHARACTER, GALLERY],
     }
 }

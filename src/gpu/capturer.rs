@@ -110,7 +110,8 @@ impl<'a> Capturer<'a> {
         };
         let cx = &renderer.cx;
         let o = &mut self.objects;
-        let (resident, upload) = resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0)?;
+        let (resident, upload) =
+            resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0, 0)?;
         let variants: Vec<MeshVariant> = resident.draws.iter().map(|d| d.variant()).collect();
         let resident = o.resident.insert(resident);
         // A begun command buffer runs even where recording failed, so the staging buffer may go after the wait.
@@ -316,9 +317,7 @@ impl<'a> Capturer<'a> {
             let constants = DrawConstants {
                 first_vertex: draw.first_vertex,
                 alpha_cutoff: draw.alpha_cutoff.unwrap_or(0.0),
-                probe_vertex_count: 0,
-                probe_instance: 0,
-                probe_output: 0,
+                ..bytemuck::Zeroable::zeroed()
             };
             c.push_constants(o.layout, DRAW_STAGES, &constants);
             let instances = first_instance + first..first_instance + end;

@@ -146,6 +146,67 @@ impl<'a> Commands<'a> {
         };
     }
 
+    /// Fills a colour image in TRANSFER_DST_OPTIMAL with zeros.
+    pub fn clear_image(&mut self, image: &Image) {
+        let all = vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 0,
+            level_count: image.mips,
+            base_array_layer: 0,
+            layer_count: image.layers,
+        };
+        unsafe {
+            self.context.device.cmd_clear_color_image(
+                self.cmd,
+                image.handle,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                &vk::ClearColorValue::default(),
+                &[all],
+            )
+        };
+    }
+
+    /// Copies rectangles of a colour image in TRANSFER_SRC_OPTIMAL into one in TRANSFER_DST_OPTIMAL: mip of both, from where,
+    /// to where, size.
+    pub fn copy_image(
+        &mut self,
+        from: &Image,
+        to: &Image,
+        rectangles: impl Iterator<Item = (u32, vk::Offset3D, vk::Offset3D, [u32; 2])>,
+    ) {
+        let regions: Vec<_> = rectangles
+            .map(|(mip_level, src_offset, dst_offset, [width, height])| {
+                let layers = vk::ImageSubresourceLayers {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    mip_level,
+                    base_array_layer: 0,
+                    layer_count: 1,
+                };
+                vk::ImageCopy {
+                    src_subresource: layers,
+                    src_offset,
+                    dst_subresource: layers,
+                    dst_offset,
+                    extent: vk::Extent3D {
+                        width,
+                        height,
+                        depth: 1,
+                    },
+                }
+            })
+            .collect();
+        unsafe {
+            self.context.device.cmd_copy_image(
+                self.cmd,
+                from.handle,
+                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                to.handle,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                &regions,
+            )
+        };
+    }
+
     /// Copies a single-layer colour image in TRANSFER_SRC_OPTIMAL to the start of a buffer, tightly.
     pub fn copy_from_image(&mut self, from: &Image, to: &Buffer) {
         self.copy_rows_from_image(from, to, from.extent.height);

@@ -4,7 +4,7 @@ use ash::vk;
 
 use super::bindings::Kind;
 use super::context::Context;
-use super::memory::Buffer;
+use super::memory::{Buffer, Image};
 use crate::error::RenderError;
 
 /// A layout with a binding of each kind, numbered from 0.
@@ -34,7 +34,7 @@ pub(super) fn set_layout(
 }
 
 /// A pool for `sets` sets with room for `buffers` storage buffers and as many texel buffers, as many uniform buffers as
-/// sets, and the images and samplers of a character per set.
+/// sets, and the images and samplers of a character or the gallery per set.
 pub(crate) fn descriptor_pool(
     cx: &Context,
     name: &str,
@@ -45,7 +45,7 @@ pub(crate) fn descriptor_pool(
         (vk::DescriptorType::UNIFORM_BUFFER, sets),
         (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
         (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, buffers.max(1)),
-        (vk::DescriptorType::SAMPLED_IMAGE, 8 * sets),
+        (vk::DescriptorType::SAMPLED_IMAGE, 4 * sets),
         (vk::DescriptorType::SAMPLER, 2 * sets),
     ]
     .map(|(ty, count)| vk::DescriptorPoolSize {
@@ -110,5 +110,45 @@ pub(crate) fn write_buffers(cx: &Context, set: vk::DescriptorSet, buffers: &[(Ki
         })
         .collect();
     // SAFETY: buffers are alive; no pending command uses the set (`begin_frame`'s contract, or the set is new).
+    unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
+}
+
+/// Writes images and samplers, each in their order, to where `kinds` has them.
+pub(crate) fn write_images(
+    cx: &Context,
+    set: vk::DescriptorSet,
+    kinds: &[Kind],
+    images: &[Image],
+    samplers: &[vk::Sampler],
+) {
+    let mut images = images.iter().map(|image| image.view);
+    let mut samplers = samplers.iter().copied();
+    let infos: Vec<_> = (0u32..)
+        .zip(kinds)
+        .filter_map(|(binding, kind)| {
+            let (sampler, view) = match kind {
+                Kind::Image => (None, images.next()),
+                Kind::Sampler => (samplers.next(), None),
+                Kind::Uniform | Kind::Storage | Kind::Texels => return None,
+            };
+            let info = vk::DescriptorImageInfo {
+                sampler: sampler.unwrap_or_default(),
+                image_view: view.unwrap_or_default(),
+                image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+            };
+            Some((binding, kind.descriptor_type(), [info]))
+        })
+        .collect();
+    let writes: Vec<_> = infos
+        .iter()
+        .map(|(binding, ty, info)| {
+            vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(*binding)
+                .descriptor_type(*ty)
+                .image_info(info)
+        })
+        .collect();
+    // SAFETY: views and samplers are alive; the set is new.
     unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
 }

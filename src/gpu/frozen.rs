@@ -17,7 +17,7 @@ use super::renderer::{Drawing, Renderer, stamp};
 use super::slot::{Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{Agent, FrameOptions, FrameReport, Method, View};
-use crate::gpu_types::{DrawCommand, DrawConstants, Instance, SELECT_GROUP_SIZE};
+use crate::gpu_types::{DrawCommand, DrawConstants, Instance, QUAD_BIN, SELECT_GROUP_SIZE};
 use crate::prepare;
 use crate::reference::mesh::living_ancestor;
 
@@ -302,6 +302,8 @@ impl Frozen {
         let drawing = Drawing {
             pipelines: &renderer.pipelines,
             residents: &renderer.residents,
+            tables: &renderer.tables,
+            gallery: renderer.gallery.as_ref(),
             slot,
         };
         let parts = |meshes: bool| {
@@ -352,9 +354,7 @@ impl Frozen {
 /// Errors where the characters are not those that the renderer has.
 fn check_characters(renderer: &Renderer, characters: &[Baked]) -> Result<(), RenderError> {
     let same = |(baked, resident): (&Baked, &super::resident::Resident)| {
-        prepare::validate(baked).is_ok()
-            && prepare::submesh_draws(baked) == resident.draws
-            && baked.bands.len() as u32 == resident.first_impostor_bin - resident.first_bin
+        prepare::validate(baked).is_ok() && prepare::submesh_draws(baked) == resident.draws
     };
     let known = renderer.residents.len() == characters.len()
         && characters.iter().zip(&renderer.residents).all(same);
@@ -399,24 +399,21 @@ fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) -> Vec<Plan> 
             }
             meshes.push(plan);
         }
-        for (bin, &kind) in (resident.first_impostor_bin..).zip(&resident.impostor_kinds) {
-            let mut plan = Plan::new(character, Look::Impostor(kind));
-            let window = &renderer.tables.bands[bin as usize];
-            let first_quad = window
-                .first_index
-                .saturating_sub(baked.indices.len() as u32)
-                / 6;
-            plan.constants.first_vertex = 4 * first_quad;
-            let command = lists.draw(bin);
-            let first = plan.begin(&command, window.vertex_count);
-            let quads = window.vertex_count / 4 * lists.instances(&command).len() as u32;
-            let corners = crate::impostor::indices(quads);
-            plan.indices.extend(corners.iter().map(|v| first + v));
+        let kinds = &renderer.tables.representations[character].kinds;
+        for kind in kinds.iter().filter(|k| k.bin != QUAD_BIN) {
+            let mut plan = Plan::new(character, Look::Impostor(kind.kind));
+            plan.constants.first_vertex = 4 * kind.first_quad;
+            plan.constants.first_quad = kind.first_quad_texel;
+            plan.add_quads(renderer, lists, kind.bin);
             impostors.push(plan);
         }
     }
-    // What blends comes last.
-    impostors.sort_by_key(|p| p.look == Look::Impostor(ImpostorKind::Quad));
+    // What blends comes last, for all characters.
+    if !characters.is_empty() {
+        let mut plan = Plan::new(0, Look::Impostor(ImpostorKind::Quad));
+        plan.add_quads(renderer, lists, QUAD_BIN);
+        impostors.push(plan);
+    }
     meshes.append(&mut impostors);
     meshes
 }
@@ -446,6 +443,16 @@ impl Plan {
             vertex_count: 0,
             indices: Vec::new(),
         }
+    }
+
+    /// Adds a list of impostors.
+    fn add_quads(&mut self, renderer: &Renderer, lists: &Lists, bin: u32) {
+        let window = &renderer.tables.bands[bin as usize];
+        let command = lists.draw(bin);
+        let first = self.begin(&command, window.vertex_count);
+        let quads = window.vertex_count / 4 * lists.instances(&command).len() as u32;
+        let corners = crate::impostor::indices(quads);
+        self.indices.extend(corners.iter().map(|v| first + v));
     }
 
     /// Adds a list, each of whose instances has `vertex_count` vertices, and returns where they begin.
@@ -519,7 +526,10 @@ impl Plan {
         c.bind_pipeline(COMPUTE, pipeline);
         c.bind_set(COMPUTE, layout, 0, slot.draw_set);
         c.bind_set(COMPUTE, layout, 1, renderer.residents[self.character].set);
-        c.bind_set(COMPUTE, layout, 2, set);
+        if let Some(gallery) = &renderer.gallery {
+            c.bind_set(COMPUTE, layout, 2, gallery.set);
+        }
+        c.bind_set(COMPUTE, layout, 3, set);
         for run in self.runs.iter().filter(|r| r.vertex_count > 0) {
             let mut done = 0;
             while done < run.instance_count {

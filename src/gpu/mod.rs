@@ -6,6 +6,7 @@ mod commands;
 mod context;
 mod descriptors;
 mod frozen;
+mod gallery;
 mod headless;
 mod memory;
 mod own_device;

@@ -42,6 +42,7 @@ pub(crate) struct Pipelines {
     pub select_set: vk::DescriptorSetLayout,
     pub draw_set: vk::DescriptorSetLayout,
     pub character_set: vk::DescriptorSetLayout,
+    pub gallery_set: vk::DescriptorSetLayout,
     pub probe_set: vk::DescriptorSetLayout,
     pub select_layout: vk::PipelineLayout,
     pub draw_layout: vk::PipelineLayout,
@@ -51,6 +52,7 @@ pub(crate) struct Pipelines {
     pub scatter: vk::Pipeline,
     pub mesh_probe: vk::Pipeline,
     pub impostor_probe: vk::Pipeline,
+    pub impostor_soft_probe: vk::Pipeline,
     pub impostor: vk::Pipeline,
     /// For kinds of one quad, with blended edges.
     pub impostor_soft: vk::Pipeline,
@@ -183,19 +185,25 @@ impl Pipelines {
         self.select_set = set_layout(cx, "select", select, S::COMPUTE)?;
         self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
         self.character_set = set_layout(cx, "character", bindings::CHARACTER, draws)?;
+        self.gallery_set = set_layout(cx, "impostors", bindings::GALLERY, draws)?;
         self.probe_set = set_layout(cx, "probe", bindings::PROBE, S::COMPUTE)?;
         let constants = size_of::<DrawConstants>() as u32;
         self.select_layout = pipeline_layout(cx, "select", &[self.select_set], None)?;
         self.draw_layout = pipeline_layout(
             cx,
             "draw",
-            &[self.draw_set, self.character_set],
+            &[self.draw_set, self.character_set, self.gallery_set],
             Some((DRAW_STAGES, constants)),
         )?;
         self.probe_layout = pipeline_layout(
             cx,
             "probe",
-            &[self.draw_set, self.character_set, self.probe_set],
+            &[
+                self.draw_set,
+                self.character_set,
+                self.gallery_set,
+                self.probe_set,
+            ],
             Some((S::COMPUTE, constants)),
         )?;
         self.count = compute(cx, count, self.select_layout)?;
@@ -203,6 +211,7 @@ impl Pipelines {
         self.scatter = compute(cx, scatter, self.select_layout)?;
         self.mesh_probe = compute(cx, "mesh_probe", self.probe_layout)?;
         self.impostor_probe = compute(cx, "impostor_probe", self.probe_layout)?;
+        self.impostor_soft_probe = compute(cx, "impostor_soft_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
         let impostor = DrawState {
             name: "impostor",
@@ -438,6 +447,7 @@ impl Pipelines {
                 self.scatter,
                 self.mesh_probe,
                 self.impostor_probe,
+                self.impostor_soft_probe,
                 self.impostor,
                 self.impostor_soft,
                 self.ground,
@@ -455,6 +465,7 @@ impl Pipelines {
                 self.select_set,
                 self.draw_set,
                 self.character_set,
+                self.gallery_set,
                 self.probe_set,
             ] {
                 d.destroy_descriptor_set_layout(set, None);

@@ -11,7 +11,7 @@ use super::memory::Buffer;
 use super::renderer::Renderer;
 use crate::error::RenderError;
 use crate::frame::CharacterId;
-use crate::gpu_types::{DrawConstants, SELECT_GROUP_SIZE};
+use crate::gpu_types::{DrawConstants, QUAD_BIN, SELECT_GROUP_SIZE};
 
 /// Whose vertices a probe looks at.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,10 @@ pub(super) struct Probe {
     character: usize,
     probed: Probed,
     first_vertex: u32,
+    /// Texel of the character's first quad.
+    first_quad: u32,
+    /// Its quads are of the kind that all characters share.
+    one_quad: bool,
     vertex_count: u32,
 }
 
@@ -49,6 +53,7 @@ impl Probe {
         probed: Probed,
     ) -> Result<Self, RenderError> {
         let cx = &renderer.cx;
+        let (mut first_quad, mut one_quad) = (0, false);
         let found = renderer
             .residents
             .get(character.0 as usize)
@@ -58,13 +63,16 @@ impl Probe {
                     let info = &renderer.tables.submeshes[r.first_submesh as usize + submesh];
                     Some((first, info.vertex_count))
                 }
-                Probed::Impostor(kind) if kind < r.impostor_kinds.len() => {
-                    let window = &renderer.tables.bands[r.first_impostor_bin as usize + kind];
-                    let first = &renderer.tables.bands[r.first_impostor_bin as usize];
-                    let first_quad = (window.first_index - first.first_index) / 6;
-                    Some((4 * first_quad, window.vertex_count))
+                Probed::Impostor(kind) => {
+                    let kinds = &renderer.tables.representations[character.0 as usize].kinds;
+                    let kind = kinds.get(kind)?;
+                    first_quad = kind.first_quad_texel;
+                    one_quad = kind.bin == QUAD_BIN;
+                    let window = &renderer.tables.bands[kind.bin as usize];
+                    // A kind of one quad has indices of its own; the others' begin where their quads do.
+                    let first = if one_quad { 0 } else { kind.first_quad };
+                    Some((4 * first, window.vertex_count))
                 }
-                Probed::Impostor(_) => None,
             });
         let Some((first_vertex, vertex_count)) = found else {
             return Err(RenderError::BadOption {
@@ -101,6 +109,8 @@ impl Probe {
             character: character.0 as usize,
             probed,
             first_vertex,
+            first_quad,
+            one_quad,
             vertex_count,
         })
     }
@@ -117,6 +127,7 @@ impl Probe {
         };
         let pipeline = match self.probed {
             Probed::Mesh(_) => p.mesh_probe,
+            Probed::Impostor(_) if self.one_quad => p.impostor_soft_probe,
             Probed::Impostor(_) => p.impostor_probe,
         };
         c.bind_pipeline(COMPUTE, pipeline);
@@ -127,13 +138,17 @@ impl Probe {
             1,
             renderer.residents[self.character].set,
         );
-        c.bind_set(COMPUTE, p.probe_layout, 2, self.set);
+        if let Some(gallery) = &renderer.gallery {
+            c.bind_set(COMPUTE, p.probe_layout, 2, gallery.set);
+        }
+        c.bind_set(COMPUTE, p.probe_layout, 3, self.set);
         c.push_constants(
             p.probe_layout,
             vk::ShaderStageFlags::COMPUTE,
             &DrawConstants {
                 first_vertex: self.first_vertex,
                 alpha_cutoff: 0.0,
+                first_quad: self.first_quad,
                 probe_vertex_count: self.vertex_count,
                 probe_instance: instance,
                 probe_output: 0,

@@ -6,6 +6,7 @@ use ash::vk;
 
 use super::commands::{Access, Commands};
 use super::context::Context;
+use super::gallery::{self, Gallery};
 use super::memory::Buffer;
 use super::pipeline::Pipelines;
 use super::resident::{self, Resident, Upload};
@@ -81,6 +82,8 @@ pub struct Renderer {
     table_buffers: Option<TableBuffers>,
     table_version: u64,
     pub(super) residents: Vec<Resident>,
+    /// Impostors of all characters that were uploaded.
+    pub(super) gallery: Option<Gallery>,
     names: Vec<String>,
     uploads: Vec<Upload>,
     pub(super) slots: Vec<Slot>,
@@ -90,17 +93,33 @@ pub struct Renderer {
     costs: CostModel,
 }
 
-/// A buffer that commands of some slots may still use.
+/// What commands of some slots may still use.
 struct Garbage {
     /// Bit per slot that has not begun since.
     slots: u64,
-    buffer: Buffer,
+    discarded: Discarded,
+}
+
+enum Discarded {
+    Buffer(Buffer),
+    Gallery(Box<Gallery>),
+}
+
+impl Discarded {
+    fn destroy(self, cx: &Context) {
+        match self {
+            Self::Buffer(buffer) => cx.destroy_buffer(buffer),
+            Self::Gallery(gallery) => gallery.destroy(cx),
+        }
+    }
 }
 
 /// What the stages' recording reads.
 pub(crate) struct Drawing<'a> {
     pub pipelines: &'a Pipelines,
     pub residents: &'a [Resident],
+    pub tables: &'a Tables,
+    pub gallery: Option<&'a Gallery>,
     pub slot: &'a Slot,
 }
 
@@ -132,6 +151,7 @@ impl Renderer {
             table_buffers: None,
             table_version: 0,
             residents: Vec::new(),
+            gallery: None,
             names: Vec::new(),
             uploads: Vec::new(),
             slots: Vec::new(),
@@ -182,6 +202,11 @@ impl Renderer {
         baked: &throng_bake::baked::Baked,
     ) -> Result<CharacterId, RenderError> {
         prepare::validate(baked)?;
+        let gallery = &self.tables.gallery;
+        if let Some(impostors) = &baked.impostors {
+            gallery::check(&self.cx, &baked.name, gallery, impostors)?;
+        }
+        let atlas = gallery.atlas_count;
         let (resident, upload) = resident::make(
             &self.cx,
             &mut self.pipelines,
@@ -189,6 +214,7 @@ impl Renderer {
             self.residents.len(),
             self.tables.bands.len() as u32,
             self.tables.submeshes.len() as u32,
+            atlas,
         )?;
         self.residents.push(resident);
         self.uploads.push(upload);
@@ -214,7 +240,7 @@ impl Renderer {
             self.garbage[i].slots &= !(1 << frame);
             if self.garbage[i].slots == 0 {
                 let garbage = self.garbage.swap_remove(i);
-                self.cx.destroy_buffer(garbage.buffer);
+                garbage.discarded.destroy(&self.cx);
             } else {
                 i += 1;
             }
@@ -228,7 +254,8 @@ impl Renderer {
     /// `cmd` is recording, is outside rendering, belongs to the frame that `begin_frame` started last, and will be
     /// submitted: the copies are recorded once only.
     ///
-    /// Errors: [`RenderError::Order`] before the first `begin_frame`.
+    /// Errors: [`RenderError::Order`] before the first `begin_frame`; [`RenderError::Vulkan`] and [`RenderError::Memory`], after
+    /// which the copies are still to be recorded.
     pub unsafe fn record_uploads(&mut self, cmd: vk::CommandBuffer) -> Result<(), RenderError> {
         if self.uploads.is_empty() {
             return Ok(());
@@ -239,17 +266,40 @@ impl Renderer {
                 reason: "begin_frame comes first",
             });
         }
+        let pictures: Vec<_> = self.uploads.iter().filter_map(|u| u.atlas()).collect();
+        let mut gallery = match pictures.is_empty() {
+            true => None,
+            false => Some(Gallery::new(
+                &self.cx,
+                &self.pipelines,
+                &self.tables.gallery,
+            )?),
+        };
         // SAFETY: this function's contract.
         let mut commands = unsafe { Commands::new(&self.cx, cmd) };
+        let c = &mut commands;
+        if let Some(gallery) = &gallery {
+            c.label("upload impostors", |c| {
+                gallery.record(c, self.gallery.as_ref(), &pictures)
+            });
+        }
         let (uploads, residents) = (std::mem::take(&mut self.uploads), &self.residents);
-        let staging = commands.label("upload", |c| {
+        let staging = c.label("upload", |c| {
             uploads
                 .into_iter()
                 .map(|u| u.record(c, residents))
                 .collect::<Vec<_>>()
         });
         for buffer in staging {
-            self.discard(buffer);
+            self.discard(Discarded::Buffer(buffer));
+        }
+        if let Some(staging) = gallery.as_mut().and_then(|g| g.take_staging()) {
+            self.discard(Discarded::Buffer(staging));
+        }
+        if let Some(new) = gallery
+            && let Some(old) = self.gallery.replace(new)
+        {
+            self.discard(Discarded::Gallery(Box::new(old)));
         }
         Ok(())
     }
@@ -375,6 +425,8 @@ impl Renderer {
             let drawing = Drawing {
                 pipelines: &self.pipelines,
                 residents: &self.residents,
+                tables: &self.tables,
+                gallery: self.gallery.as_ref(),
                 slot,
             };
             c.label("select", |c| crate::select::record(c, &drawing));
@@ -428,6 +480,8 @@ impl Renderer {
         let drawing = Drawing {
             pipelines: &self.pipelines,
             residents: &self.residents,
+            tables: &self.tables,
+            gallery: self.gallery.as_ref(),
             slot,
         };
         stamp(c, slot, Stamp::DrawBegin);
@@ -492,7 +546,10 @@ impl Renderer {
             upload.destroy(cx);
         }
         for garbage in self.garbage.drain(..) {
-            cx.destroy_buffer(garbage.buffer);
+            garbage.discarded.destroy(cx);
+        }
+        if let Some(gallery) = self.gallery.take() {
+            gallery.destroy(cx);
         }
         if let Some(tables) = self.table_buffers.take() {
             tables
@@ -510,10 +567,10 @@ impl Renderer {
         );
     }
 
-    /// Keeps a buffer until every slot has begun again.
-    fn discard(&mut self, buffer: Buffer) {
+    /// Keeps something until every slot has begun again.
+    fn discard(&mut self, discarded: Discarded) {
         let slots = u64::MAX >> (64 - self.slots.len());
-        self.garbage.push(Garbage { slots, buffer });
+        self.garbage.push(Garbage { slots, discarded });
     }
 
     /// Makes new table buffers where characters were added.
@@ -526,7 +583,7 @@ impl Renderer {
             let new = TableBuffers::new(&self.cx, &self.tables, self.table_version)?;
             if let Some(old) = self.table_buffers.replace(new) {
                 for buffer in old.into_buffers() {
-                    self.discard(buffer);
+                    self.discard(Discarded::Buffer(buffer));
                 }
             }
         }

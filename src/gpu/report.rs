@@ -2,14 +2,12 @@
 
 use ash::vk;
 
-use throng_bake::impostor::Kind;
-
 use super::renderer::{Renderer, no_slot};
 use super::slot::{Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
-    DrawCommand, Instance, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
+    DrawCommand, Instance, QUAD_BIN, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
     TALLY_MESHES, TALLY_VISIBLE,
 };
 use crate::reference::select::Selection;
@@ -140,11 +138,10 @@ impl Renderer {
 
     /// Agents by representation, from the lengths of the lists; one that fades counts for both.
     fn representations(&self, meshes: u64, count: &dyn Fn(usize) -> u64) -> [Representation; 3] {
-        let mut agents = [0; 2];
-        for kind in self.tables.representations.iter().flat_map(|r| &r.kinds) {
-            agents[(kind.kind == Kind::Quad) as usize] += count(kind.bin as usize);
-        }
-        let [flat, quad] = agents;
+        let kinds = self.tables.representations.iter().flat_map(|r| &r.kinds);
+        let flat = kinds.filter(|k| k.bin != QUAD_BIN);
+        let flat = flat.map(|k| count(k.bin as usize)).sum();
+        let quad = count(QUAD_BIN as usize);
         [("mesh", meshes), ("flat", flat), ("quad", quad)]
             .map(|(kind, agents)| Representation { kind, agents })
     }

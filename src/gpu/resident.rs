@@ -3,16 +3,16 @@
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Atlas, CUBE_SIZE};
 
 use super::bindings::{self, Kind};
 use super::commands::{Access, Commands};
 use super::context::Context;
-use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
+use super::descriptors::{allocate_set, descriptor_pool, write_buffers, write_images};
+use super::gallery::{self, AtlasCopies};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines};
 use crate::error::RenderError;
-use crate::gpu_types::{IMPOSTOR_ROW_TEXELS, PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
+use crate::gpu_types::{PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
 use crate::impostor;
 use crate::prepare::{self, SubmeshDraw};
 
@@ -21,9 +21,6 @@ pub(crate) struct Resident {
     pub draws: Vec<SubmeshDraw>,
     /// First of its bands in the tables.
     pub first_bin: u32,
-    /// First bin of its impostor kinds, which stand in the same order.
-    pub first_impostor_bin: u32,
-    pub impostor_kinds: Vec<throng_bake::impostor::Kind>,
     /// First of its submeshes in the tables.
     pub first_submesh: u32,
     pub indices: Buffer,
@@ -40,6 +37,8 @@ pub(crate) struct Upload {
     character: usize,
     indices: vk::BufferCopy,
     images: Vec<Vec<vk::BufferImageCopy>>,
+    /// Of its impostors.
+    atlas: Option<AtlasCopies>,
 }
 
 impl SubmeshDraw {
@@ -54,13 +53,13 @@ impl SubmeshDraw {
 
 /// Bytes of the staging buffer and where each array goes.
 #[derive(Default)]
-struct Staging {
-    bytes: Vec<u8>,
+pub(super) struct Staging {
+    pub bytes: Vec<u8>,
 }
 
 impl Staging {
     /// Appends at a multiple of 16 and returns the offset.
-    fn push<T: bytemuck::Pod>(&mut self, data: &[T]) -> u64 {
+    pub fn push<T: bytemuck::Pod>(&mut self, data: &[T]) -> u64 {
         self.bytes.resize(self.bytes.len().next_multiple_of(16), 0);
         let offset = self.bytes.len() as u64;
         self.bytes.extend_from_slice(bytemuck::cast_slice(data));
@@ -68,7 +67,7 @@ impl Staging {
     }
 
     /// Appends texels in rows of `width`, the last one filled up with zeros. Returns the copy and the rows.
-    fn push_rows<T: bytemuck::Pod>(
+    pub fn push_rows<T: bytemuck::Pod>(
         &mut self,
         texels: &[T],
         width: u32,
@@ -101,7 +100,7 @@ pub(super) fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::Buf
     }
 }
 
-/// Makes a validated character's objects; the upload fills them.
+/// Makes a validated character's objects; the upload fills them. `atlas` is the place of its impostors in the gallery.
 pub(crate) fn make(
     cx: &Context,
     pipelines: &mut Pipelines,
@@ -109,6 +108,7 @@ pub(crate) fn make(
     character: usize,
     first_bin: u32,
     first_submesh: u32,
+    atlas: u32,
 ) -> Result<(Resident, Upload), RenderError> {
     let draws = prepare::submesh_draws(baked);
     for draw in &draws {
@@ -177,10 +177,10 @@ pub(crate) fn make(
         ImageShape::Array,
     )?;
     images.push(copies);
-    let texels = impostor::texels(baked.impostors.as_ref());
-    make_impostors(&mut made, &mut staging, &mut images, baked, &texels)?;
+    let impostors = baked.impostors.as_ref();
+    let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, atlas));
 
-    let quad_count = baked.impostors.as_ref().map_or(0, |i| i.quads.len() as u32);
+    let quad_count = impostors.map_or(0, |i| i.quads.len() as u32);
     let mut indices = baked.indices.clone();
     indices.extend(impostor::indices(quad_count));
     let index_offset = staging.push(&indices);
@@ -215,18 +215,18 @@ pub(crate) fn make(
         unreachable!("three buffers were made above");
     };
     staging_buffer.write(0, &staging.bytes);
-    constants.write(0, &[prepare::constants(baked, &texels)]);
+    constants.write(0, &[prepare::constants(baked)]);
     write_buffers(cx, set, &[(Kind::Uniform, &constants)]);
-    write_images(cx, set, &resident_images, pipelines);
+    write_images(
+        cx,
+        set,
+        bindings::CHARACTER,
+        &resident_images,
+        &[pipelines.sampler],
+    );
     let resident = Resident {
         draws,
         first_bin,
-        first_impostor_bin: first_bin + baked.bands.len() as u32,
-        impostor_kinds: baked
-            .impostors
-            .iter()
-            .flat_map(|i| i.kinds.iter().map(|k| k.kind))
-            .collect(),
         first_submesh,
         indices,
         set,
@@ -243,6 +243,7 @@ pub(crate) fn make(
             size: index_bytes,
         },
         images,
+        atlas,
     };
     Ok((resident, upload))
 }
@@ -274,134 +275,27 @@ fn stage_textures(
     ([t.width, t.height], t.mip_count, t.layer_count + 1, copies)
 }
 
-/// Makes the impostor texture, the cells and the two pictures of the atlas; of one texel where there are none.
-fn make_impostors(
-    made: &mut Made,
-    staging: &mut Staging,
-    images: &mut Vec<Vec<vk::BufferImageCopy>>,
-    baked: &Baked,
-    texels: &impostor::Texels,
-) -> Result<(), RenderError> {
-    let name = |what: &str| format!("{} {what}", baked.name);
-    let impostors = baked.impostors.as_ref();
-    let (copies, rows) = staging.push_rows(&texels.texels, IMPOSTOR_ROW_TEXELS);
-    made.image(
-        &name("impostors"),
-        vk::Format::R32G32B32A32_SFLOAT,
-        [IMPOSTOR_ROW_TEXELS, rows],
-        1,
-        1,
-        ImageShape::Plain,
-    )?;
-    images.push(copies);
-
-    // Halves hold whole numbers up to 2,048.
-    let nothing = vec![[0u16; 4]; 6];
-    let sets: Vec<&[[u16; 4]]> = match impostors {
-        Some(i) => i.view_sets.iter().map(|s| &s.cells[..]).collect(),
-        None => vec![&nothing],
-    };
-    let size = if impostors.is_some() { CUBE_SIZE } else { 1 };
-    let layers = 6 * sets.len() as u32;
-    let mut copies = Vec::new();
-    for (set, cells) in (0..).zip(sets) {
-        let face = (size * size) as usize;
-        for (side, texels) in (0..).zip(cells.chunks_exact(face)) {
-            let halves: Vec<[u16; 4]> = texels.iter().map(|t| t.map(half)).collect();
-            let offset = staging.push(&halves);
-            copies.push(copy(offset, 0, [size, size], 6 * set + side));
-        }
-    }
-    made.image(
-        &name("cells"),
-        vk::Format::R16G16B16A16_SFLOAT,
-        [size, size],
-        1,
-        layers,
-        ImageShape::CubeArray,
-    )?;
-    images.push(copies);
-
-    let blank = Atlas {
-        width: 1,
-        height: 1,
-        mip_count: 1,
-        color: vec![[0; 4]],
-        surface: vec![[0; 4]],
-    };
-    let atlas = impostors.map_or(&blank, |i| &i.atlas);
-    for (what, pixels) in [
-        ("impostor colours", &atlas.color),
-        ("impostor surfaces", &atlas.surface),
-    ] {
-        let mut copies = Vec::new();
-        let mut first = 0;
-        for mip in 0..atlas.mip_count {
-            let size = [(atlas.width >> mip).max(1), (atlas.height >> mip).max(1)];
-            let count = size[0] as usize * size[1] as usize;
-            let offset = staging.push(&pixels[first..][..count]);
-            copies.push(copy(offset, mip, size, 0));
-            first += count;
-        }
-        made.image(
-            &name(what),
-            vk::Format::R8G8B8A8_UNORM,
-            [atlas.width, atlas.height],
-            atlas.mip_count,
-            1,
-            ImageShape::Plain,
-        )?;
-        images.push(copies);
-    }
-    Ok(())
-}
-
-const _: () = assert!(throng_bake::impostor::views::MAX_VIEWS <= 2048);
-
-/// A whole number below 2,048 as a half.
-fn half(n: u16) -> u16 {
-    match n {
-        0 => 0,
-        n => {
-            let exponent = 15 - n.leading_zeros() as u16;
-            ((exponent + 15) << 10) | ((n << (10 - exponent)) & 0x3ff)
-        }
-    }
-}
-
-/// Writes a character's images, in the order they were made, and the samplers to where `bindings::CHARACTER` has them.
-fn write_images(cx: &Context, set: vk::DescriptorSet, images: &[Image], pipelines: &Pipelines) {
-    let mut images = images.iter().map(|image| image.view);
-    let mut samplers = [pipelines.sampler, pipelines.nearest_sampler].into_iter();
-    let infos: Vec<_> = (0u32..)
-        .zip(bindings::CHARACTER)
-        .filter_map(|(binding, kind)| {
-            let (sampler, view) = match kind {
-                Kind::Image => (None, images.next()),
-                Kind::Sampler => (samplers.next(), None),
-                Kind::Uniform | Kind::Storage | Kind::Texels => return None,
-            };
-            let info = vk::DescriptorImageInfo {
-                sampler: sampler.unwrap_or_default(),
-                image_view: view.unwrap_or_default(),
-                image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-            };
-            Some((binding, kind.descriptor_type(), [info]))
-        })
-        .collect();
-    let writes: Vec<_> = infos
-        .iter()
-        .map(|(binding, ty, info)| {
-            vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .dst_binding(*binding)
-                .descriptor_type(*ty)
-                .image_info(info)
-        })
-        .collect();
-    // SAFETY: views and samplers are alive; the set is new.
-    unsafe { cx.device.update_descriptor_sets(&writes, &[]) };
-}
+/// Layout, stages and access of an image: new, being filled, read by shaders.
+pub(super) type ImageState = (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2);
+pub(super) const FRESH: ImageState = (
+    vk::ImageLayout::UNDEFINED,
+    vk::PipelineStageFlags2::NONE,
+    vk::AccessFlags2::NONE,
+);
+pub(super) const FILLING: ImageState = (
+    vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+    vk::PipelineStageFlags2::ALL_TRANSFER,
+    vk::AccessFlags2::TRANSFER_WRITE,
+);
+pub(super) const READABLE: ImageState = (
+    vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+    vk::PipelineStageFlags2::from_raw(
+        vk::PipelineStageFlags2::VERTEX_SHADER.as_raw()
+            | vk::PipelineStageFlags2::FRAGMENT_SHADER.as_raw()
+            | vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw(),
+    ),
+    vk::AccessFlags2::SHADER_SAMPLED_READ,
+);
 
 /// Records the copies that fill a new image, which shaders then read.
 pub(super) fn record_fill(
@@ -410,18 +304,10 @@ pub(super) fn record_fill(
     image: &Image,
     copies: &[vk::BufferImageCopy],
 ) {
-    use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
     let color = vk::ImageAspectFlags::COLOR;
-    let fresh = (L::UNDEFINED, S::NONE, A::NONE);
-    let filling = (L::TRANSFER_DST_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_WRITE);
-    let readable = (
-        L::SHADER_READ_ONLY_OPTIMAL,
-        S::VERTEX_SHADER | S::FRAGMENT_SHADER | S::COMPUTE_SHADER,
-        A::SHADER_SAMPLED_READ,
-    );
-    c.image_barrier(image, fresh, filling, color);
+    c.image_barrier(image, FRESH, FILLING, color);
     c.copy_to_image(staging, image, copies);
-    c.image_barrier(image, filling, readable, color);
+    c.image_barrier(image, FILLING, READABLE, color);
 }
 
 impl Resident {
@@ -466,6 +352,11 @@ impl Upload {
         }
         commands.barrier(Access::TransferWrite, &[Access::AnyRead]);
         self.staging
+    }
+
+    /// Its staging buffer and where its impostors' pictures stand there.
+    pub fn atlas(&self) -> Option<(&Buffer, &AtlasCopies)> {
+        self.atlas.as_ref().map(|atlas| (&self.staging, atlas))
     }
 
     /// Destroys an upload that was never recorded.
@@ -561,19 +452,5 @@ impl Drop for Made<'_> {
         for buffer in self.buffers.drain(..) {
             self.cx.destroy_buffer(buffer);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::half;
-
-    #[test]
-    fn whole_numbers_become_halves() {
-        // By the definition of binary16: 1 is exponent 15, and the fraction has 10 bits.
-        assert_eq!(
-            [0, 1, 2, 3, 92, 1023, 2047].map(half),
-            [0, 0x3c00, 0x4000, 0x4200, 0x55c0, 0x63fe, 0x67ff]
-        );
     }
 }

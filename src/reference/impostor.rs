@@ -13,7 +13,7 @@ pub struct Placed {
     pub corner: Vec3,
     /// Towards the eye, but for the width of a view cell; unit length.
     pub towards: Vec3,
-    /// In the atlas.
+    /// Texels of the atlas.
     pub uv: Vec2,
     /// Half the depth that the picture holds, metres.
     pub depth_extent: f32,
@@ -24,7 +24,7 @@ pub struct Placed {
 }
 
 /// The four corners of a quad of an instance: left bottom, right bottom, left top, right top. `tiles` are
-/// [`crate::impostor::trimmed_tiles`].
+/// [`crate::impostor::trimmed_tiles`]; `first_pose` is the texel of the character's first pose in the gallery's table.
 pub fn place_quad(
     baked: &Baked,
     impostors: &Impostors,
@@ -32,13 +32,17 @@ pub fn place_quad(
     frame: &FrameConstants,
     instance: &Instance,
     quad: usize,
+    first_pose: u32,
 ) -> [Placed; 4] {
     let q = &impostors.quads[quad];
     let set = &impostors.view_sets[q.view_set as usize];
     let mut rows = [Vec4::X, Vec4::Y, Vec4::Z];
-    let mut pose = (instance.live_vertex_count & IMPOSTOR_POSE_MASK) as usize;
+    let (mut pose, mut number) = (0, 0);
+    if q.joint == NO_JOINT {
+        pose = ((instance.live_vertex_count & IMPOSTOR_POSE_MASK) - first_pose) as usize;
+    }
     if q.joint != NO_JOINT {
-        pose = 0;
+        number = quad as u32;
         rows = [Vec4::ZERO; 3];
         for s in 0..instance.sample_count() as usize {
             let entry = &baked.palette[(instance.sample_entries[s] + q.joint) as usize];
@@ -56,12 +60,11 @@ pub fn place_quad(
     let direction =
         (rows[0].truncate() * eye.x + rows[1].truncate() * eye.y + rows[2].truncate() * eye.z)
             .normalize();
-    let view = view_of(set, direction, random(instance.agent(), quad as u32));
+    let view = view_of(set, direction, random(instance.agent(), number));
     let tile = &tiles[q.first_tile as usize + pose * set.directions.len() + view as usize];
     let (towards, right) = (set.directions[view as usize], set.rights[view as usize]);
     let up = towards.cross(right);
     let turn = |m: Vec3| Vec3::new(cos * m.x + sin * m.z, scale * m.y, cos * m.z - sin * m.x);
-    let atlas = Vec2::new(impostors.atlas.width as f32, impostors.atlas.height as f32);
     let pixel = frame.pixel_angle * eye.length();
     let texel = (tile.max[0] - tile.min[0]) / tile.size[0].max(1) as f32;
     let mip = (pixel / texel.max(1e-12)).max(1.0).log2() + IMPOSTOR_MIP_BIAS;
@@ -77,7 +80,7 @@ pub fn place_quad(
         Placed {
             corner: Vec3::from(instance.position) + turn(Vec3::from(rows.map(|r| r.dot(p)))),
             towards: turn(Vec3::from(rows.map(|r| r.truncate().dot(towards)))).normalize_or_zero(),
-            uv: texel / atlas,
+            uv: texel,
             depth_extent: q.depth_extent * scale,
             depth: depth * scale,
             mip: mip.clamp(0.0, impostors.atlas.mip_count.saturating_sub(1) as f32),

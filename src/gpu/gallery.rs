@@ -1,0 +1,327 @@
+//! The impostors of all characters on the device. Made anew, and larger, when characters with impostors were added; the
+//! atlases that are there already are copied on the device.
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use throng_bake::impostor::{Atlas, CUBE_SIZE, Impostors};
+
+use super::bindings;
+use super::commands::Commands;
+use super::context::Context;
+use super::descriptors::{allocate_set, descriptor_pool, write_images};
+use super::memory::{Buffer, Image, ImageDesc, ImageShape};
+use super::pipeline::Pipelines;
+use super::resident::{self, FILLING, FRESH, READABLE, Staging};
+use crate::error::RenderError;
+use crate::gpu_types::{GALLERY_ROW_TEXELS, IMPOSTOR_POSE_MASK};
+use crate::impostor;
+
+/// What the impostor stage reads.
+pub(crate) struct Gallery {
+    pub set: vk::DescriptorSet,
+    /// Of one quad.
+    pub indices: Buffer,
+    /// Table, cells, colours, surfaces.
+    images: Vec<Image>,
+    /// Of table, cells and indices, until they are copied.
+    staging: Option<Staged>,
+    side: u32,
+    columns: u32,
+    atlas_count: u32,
+    pool: vk::DescriptorPool,
+}
+
+struct Staged {
+    buffer: Buffer,
+    table: Vec<vk::BufferImageCopy>,
+    cells: Vec<vk::BufferImageCopy>,
+    indices: vk::BufferCopy,
+}
+
+/// Where a character's pictures stand in its staging buffer, by mip, and which atlas of the gallery they become.
+pub(crate) struct AtlasCopies {
+    atlas: u32,
+    colors: Vec<vk::BufferImageCopy>,
+    surfaces: Vec<vk::BufferImageCopy>,
+}
+
+/// Places of the pictures in `Gallery::images`.
+const COLORS: usize = 2;
+const SURFACES: usize = 3;
+
+/// Whether one more character's impostors fit.
+///
+/// Errors: [`RenderError::Limit`].
+pub(super) fn check(
+    cx: &Context,
+    name: &str,
+    gallery: &impostor::Gallery,
+    impostors: &Impostors,
+) -> Result<(), RenderError> {
+    let limits = &cx.capabilities;
+    let atlas = &impostors.atlas;
+    let texels = gallery.texels.len() as u64 + impostor::Gallery::block_size(impostors);
+    let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
+    let columns = (f64::from(gallery.atlas_count) + 1.0).sqrt().ceil() as u64;
+    let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
+    for (needed, limit, unit) in [
+        (
+            texels,
+            row_limit.min(u64::from(IMPOSTOR_POSE_MASK)),
+            "texels of all impostors' tables",
+        ),
+        (
+            u64::from(gallery.side_with(atlas)) * columns,
+            u64::from(limits.image_size),
+            "texels in a row or column of all impostors",
+        ),
+        (
+            6 * cubes,
+            u64::from(limits.image_layers),
+            "sides of view cells' cube maps",
+        ),
+    ] {
+        if needed > limit {
+            return Err(RenderError::Limit {
+                object: format!("character '{name}'"),
+                needed,
+                limit,
+                unit,
+                hint: "bake it with fewer impostors, or none",
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Stages a character's pictures for a square of the gallery.
+pub(super) fn stage_atlas(staging: &mut Staging, atlas: &Atlas, place: u32) -> AtlasCopies {
+    let mut copies = |pixels: &[[u8; 4]]| {
+        let mut copies = Vec::new();
+        let mut first = 0;
+        for mip in 0..atlas.mip_count {
+            let size = [(atlas.width >> mip).max(1), (atlas.height >> mip).max(1)];
+            let count = size[0] as usize * size[1] as usize;
+            let offset = staging.push(&pixels[first..][..count]);
+            copies.push(resident::copy(offset, mip, size, 0));
+            first += count;
+        }
+        copies
+    };
+    AtlasCopies {
+        atlas: place,
+        colors: copies(&atlas.color),
+        surfaces: copies(&atlas.surface),
+    }
+}
+
+impl Gallery {
+    /// Makes the objects of a gallery that has at least one atlas; `record` fills them.
+    ///
+    /// Errors: [`RenderError::Vulkan`], [`RenderError::Memory`].
+    pub fn new(
+        cx: &Context,
+        pipelines: &Pipelines,
+        tables: &impostor::Gallery,
+    ) -> Result<Self, RenderError> {
+        let mut gallery = Self {
+            set: vk::DescriptorSet::null(),
+            indices: cx.create_buffer(
+                "quad indices",
+                24,
+                vk::BufferUsageFlags::INDEX_BUFFER | vk::BufferUsageFlags::TRANSFER_DST,
+                MemoryLocation::GpuOnly,
+            )?,
+            images: Vec::new(),
+            staging: None,
+            side: tables.side,
+            columns: tables.grid()[0],
+            atlas_count: tables.atlas_count,
+            pool: vk::DescriptorPool::null(),
+        };
+        match gallery.fill(cx, pipelines, tables) {
+            Ok(()) => Ok(gallery),
+            Err(e) => {
+                gallery.destroy(cx);
+                Err(e)
+            }
+        }
+    }
+
+    fn fill(
+        &mut self,
+        cx: &Context,
+        pipelines: &Pipelines,
+        tables: &impostor::Gallery,
+    ) -> Result<(), RenderError> {
+        let mut staging = Staging::default();
+        let mut texels = tables.texels.clone();
+        let [width, height] = tables.grid().map(|n| n * tables.side);
+        texels[0] = [
+            1.0 / width as f32,
+            1.0 / height as f32,
+            tables.side as f32,
+            self.columns as f32,
+        ];
+        let (table_copies, rows) = staging.push_rows(&texels, GALLERY_ROW_TEXELS);
+        // Halves hold whole numbers up to 2,048.
+        let halves: Vec<[u16; 4]> = tables.cells.iter().map(|t| t.map(half)).collect();
+        let side = (CUBE_SIZE * CUBE_SIZE) as usize;
+        let cells: Vec<_> = (0..)
+            .zip(halves.chunks_exact(side))
+            .map(|(i, side)| resident::copy(staging.push(side), 0, [CUBE_SIZE; 2], i))
+            .collect();
+        let index_offset = staging.push(&impostor::indices(1));
+
+        use vk::Format as F;
+        let (halves, sides) = (F::R16G16B16A16_SFLOAT, cells.len() as u32);
+        let (plain, cubes) = ((ImageShape::Plain, 1), (ImageShape::CubeArray, sides));
+        let (table, pictures) = ([GALLERY_ROW_TEXELS, rows], [width, height]);
+        let (bytes, mips) = (F::R8G8B8A8_UNORM, tables.mip_count);
+        for (name, format, size, mips, (shape, layers)) in [
+            ("impostors' table", F::R32G32B32A32_SFLOAT, table, 1, plain),
+            ("impostors' cells", halves, [CUBE_SIZE; 2], 1, cubes),
+            ("impostors' colours", bytes, pictures, mips, plain),
+            ("impostors' surfaces", bytes, pictures, mips, plain),
+        ] {
+            use vk::ImageUsageFlags as U;
+            self.images.push(cx.create_image(
+                name,
+                &ImageDesc {
+                    format,
+                    extent: vk::Extent2D {
+                        width: size[0],
+                        height: size[1],
+                    },
+                    mips,
+                    layers,
+                    shape,
+                    usage: U::SAMPLED | U::TRANSFER_DST | U::TRANSFER_SRC,
+                    aspect: vk::ImageAspectFlags::COLOR,
+                },
+            )?);
+        }
+        let mut buffer = cx.create_buffer(
+            "impostors' staging",
+            staging.bytes.len() as u64,
+            vk::BufferUsageFlags::TRANSFER_SRC,
+            MemoryLocation::CpuToGpu,
+        )?;
+        buffer.write(0, &staging.bytes);
+        self.staging = Some(Staged {
+            buffer,
+            table: table_copies,
+            cells,
+            indices: vk::BufferCopy {
+                src_offset: index_offset,
+                dst_offset: 0,
+                size: 24,
+            },
+        });
+        self.pool = descriptor_pool(cx, "impostors' sets", 1, 0)?;
+        self.set = allocate_set(cx, "impostors' set", self.pool, pipelines.gallery_set)?;
+        let samplers = [pipelines.nearest_sampler, pipelines.sampler];
+        write_images(cx, self.set, bindings::GALLERY, &self.images, &samplers);
+        Ok(())
+    }
+
+    /// First texel of an atlas's square in a mip.
+    fn origin(&self, atlas: u32, mip: u32) -> vk::Offset3D {
+        let [x, y] =
+            [atlas % self.columns, atlas / self.columns].map(|i| ((i * self.side) >> mip) as i32);
+        vk::Offset3D { x, y, z: 0 }
+    }
+
+    /// Records what fills the gallery: the atlases of the one before it, and the pictures of new characters from their staging
+    /// buffers. Outside rendering; a barrier from transfers to everything that reads has to follow.
+    pub fn record(
+        &self,
+        c: &mut Commands,
+        before: Option<&Gallery>,
+        new: &[(&Buffer, &AtlasCopies)],
+    ) {
+        let Some(staged) = &self.staging else { return };
+        resident::record_fill(c, &staged.buffer, &self.images[0], &staged.table);
+        resident::record_fill(c, &staged.buffer, &self.images[1], &staged.cells);
+        c.copy_buffer(&staged.buffer, &self.indices, staged.indices);
+        let color = vk::ImageAspectFlags::COLOR;
+        for place in [COLORS, SURFACES] {
+            let image = &self.images[place];
+            c.image_barrier(image, FRESH, FILLING, color);
+            // What no atlas covers is filtered into the edges of those beside it.
+            c.clear_image(image);
+            c.image_barrier(image, FILLING, FILLING, color);
+            if let Some(before) = before {
+                use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
+                let from = &before.images[place];
+                let source = (L::TRANSFER_SRC_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_READ);
+                c.image_barrier(from, READABLE, source, color);
+                let copies = (0..before.atlas_count).flat_map(|atlas| {
+                    (0..from.mips).map(move |mip| {
+                        let side = (before.side >> mip).max(1);
+                        let (from, to) = (before.origin(atlas, mip), self.origin(atlas, mip));
+                        (mip, from, to, [side; 2])
+                    })
+                });
+                c.copy_image(from, image, copies);
+            }
+            for (staging, copies) in new {
+                let mips = match place {
+                    COLORS => &copies.colors,
+                    _ => &copies.surfaces,
+                };
+                let mips = (0..).zip(mips).map(|(mip, copy)| vk::BufferImageCopy {
+                    image_offset: self.origin(copies.atlas, mip),
+                    ..*copy
+                });
+                c.copy_to_image(staging, image, &mips.collect::<Vec<_>>());
+            }
+            c.image_barrier(image, FILLING, READABLE, color);
+        }
+    }
+
+    /// The staging buffer of a gallery that was recorded; it has to live until the copies are done.
+    pub fn take_staging(&mut self) -> Option<Buffer> {
+        self.staging.take().map(|s| s.buffer)
+    }
+
+    /// Destroys everything; no pending command may use any of it.
+    pub fn destroy(mut self, cx: &Context) {
+        // SAFETY: the caller's promise; null is ignored; consumed, so once.
+        unsafe { cx.device.destroy_descriptor_pool(self.pool, None) };
+        if let Some(staging) = self.take_staging() {
+            cx.destroy_buffer(staging);
+        }
+        for image in self.images {
+            cx.destroy_image(image);
+        }
+        cx.destroy_buffer(self.indices);
+    }
+}
+
+const _: () = assert!(throng_bake::impostor::views::MAX_VIEWS <= 2048);
+
+/// A whole number below 2,048 as a half.
+fn half(n: u16) -> u16 {
+    match n {
+        0 => 0,
+        n => {
+            let exponent = 15 - n.leading_zeros() as u16;
+            ((exponent + 15) << 10) | ((n << (10 - exponent)) & 0x3ff)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::half;
+
+    #[test]
+    fn whole_numbers_become_halves() {
+        // By the definition of binary16: 1 is exponent 15, and the fraction has 10 bits.
+        assert_eq!(
+            [0, 1, 2, 3, 92, 1023, 2047].map(half),
+            [0, 0x3c00, 0x4000, 0x4200, 0x55c0, 0x63fe, 0x67ff]
+        );
+    }
+}
