@@ -40,7 +40,24 @@
 #define TALLY_LIVE_VERTICES_LOW 1
 #define TALLY_LIVE_VERTICES_HIGH 2
 #define TALLY_MESHES 3
-#define TALLY_BINS 4
+#define TALLY_OCCLUDED 4
+#define TALLY_BINS 8
+// Where the listed buffer holds what: workgroups, 1 and 1, as a VkDispatchIndirectCommand; the number of agents; the agents.
+#define LISTED_GROUPS 0
+#define LISTED_COUNT 3
+#define LISTED_AGENTS 4
+// The occluders' depth has a texel per this many pixels each way.
+#define OCCLUDER_TEXEL_PX 2
+// Occluders only hide what is further behind them than this share of its distance.
+#define OCCLUDER_MARGIN 0.005
+// The last level of the pyramid over that depth; level 0 is the depth itself.
+#define PYRAMID_TOP 5
+// The most texels of a level that a test looks at.
+#define TEST_COLUMNS 16
+#define TEST_ROWS 32
+// Texels of a side that a thread of the occlude stage reduces, and threads of its workgroup.
+#define REDUCE_BLOCK 8
+#define REDUCE_GROUP_SIZE 64
 // CaptureInstance::group of a picture of all surfaces.
 #define CAPTURE_ALL_GROUPS 0xffffffffu
 // Surfaces with less weight in a picture's group are not in it: half a step of the 254 that weights are stored in.
@@ -50,11 +67,17 @@
 // Words of a DrawCommand, and which of them is first_instance.
 #define DRAW_COMMAND_WORDS 5
 #define DRAW_FIRST_INSTANCE_WORD 4
+// Metres above the ground that contact shadows are drawn at, so that the two do not fight for depth.
+#define SHADOW_LIFT 0.01
+// Distance in radii at which a shadow begins to fade; at twice that it is gone.
+#define SHADOW_FADE_RADII 110.0
 // FrameConstants::flags.
 #define FLAG_FULL_DETAIL 1u
 #define FLAG_STILL 2u
 // FrameConstants::ground_color: there is one.
 #define GROUND_PLAIN 0x80000000u
+#define FLAG_REVERSED_DEPTH 4u
+#define FLAG_SHADOWS 8u
 
 // One member of the crowd, as the host states it.
 struct AgentState
@@ -82,6 +105,10 @@ struct CharacterInfo
     float influences2_error;
     float influences3_error;
     float lowest; // bind-space height of its lowest point where it stands
+    float occluder_error; // LOD error of the mesh with which it hides others
+    uint padding0;
+    uint padding1;
+    uint padding2;
 };
 
 // A clip: bounds of every vertex at every frame, model space, and its frames in the palette.
@@ -202,6 +229,10 @@ struct FrameConstants
     uint flags;
     float pixel_angle; // metres in a pixel per metre of distance
     uint ground_color; // square roots of red, green, blue in bytes from the lowest, and GROUND_PLAIN; 0: paved
+    uint width_px; // of the picture
+    uint height_px;
+    float occluder_angle; // agents of at least this height, in metres per metre of distance, hide others
+    uint padding0;
     uint padding1;
 };
 

@@ -2,6 +2,7 @@
 // list per (submesh, band). Three passes: count, scan, scatter. Twin: src/reference/select.rs
 // In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
 // The order within a list is not defined.
+// Occluders' lists are made the same way before: gather lists who is large enough, count_occluders takes coarse levels.
 //
 // What makes it cheap on a CPU driver: lavapipe reads and writes structured buffers lane by lane, at a price per access and
 // not per byte, so records are whole uint4s; it reads texel buffers for all lanes at once, several times as fast, so what
@@ -18,7 +19,7 @@
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(1, 0)]] RECORDS(uint4) agents; // 3 of them are an AgentState
-[[vk::binding(2, 0)]] RECORDS(uint4) characters; // 2 are a CharacterInfo
+[[vk::binding(2, 0)]] RECORDS(uint4) characters; // 3 are a CharacterInfo
 [[vk::binding(3, 0)]] RECORDS(uint4) clips; // 4 are a ClipInfo
 [[vk::binding(4, 0)]] RECORDS(uint4) submeshes; // 1 is a SubmeshInfo
 [[vk::binding(5, 0)]] StructuredBuffer<BandInfo> bands;
@@ -30,6 +31,10 @@
 [[vk::binding(11, 0)]] RECORDS(uint4) chosen; // selected, in the scatter pass
 [[vk::binding(12, 0)]] RECORDS(uint) list_starts; // draws, in the scatter pass
 [[vk::binding(10, 0)]] RWStructuredBuffer<uint4> instances; // 4 are an Instance
+[[vk::binding(14, 0)]] RECORDS(float) pyramid; // of the occlude stage
+[[vk::binding(15, 0)]] RWStructuredBuffer<uint> listed; // arguments of an indirect dispatch, and the agents that it is for
+[[vk::binding(16, 0)]] RECORDS(uint) listed_agents; // listed, in the passes over its agents
+
 
 AgentState LoadAgent(uint index)
 {
@@ -52,8 +57,8 @@ AgentState LoadAgent(uint index)
 
 CharacterInfo LoadCharacter(uint index)
 {
-    uint4 a = characters[2u * index];
-    uint4 b = characters[2u * index + 1u];
+    uint4 a = characters[3u * index];
+    uint4 b = characters[3u * index + 1u];
     CharacterInfo character;
     character.first_submesh = a.x;
     character.submesh_count = a.y;
@@ -63,6 +68,7 @@ CharacterInfo LoadCharacter(uint index)
     character.influences2_error = asfloat(b.y);
     character.influences3_error = asfloat(b.z);
     character.lowest = asfloat(b.w);
+    character.occluder_error = asfloat(characters[3u * index + 2u].x);
     return character;
 }
 
@@ -119,10 +125,19 @@ float DistanceToSphere(ClipInfo clip, AgentState agent)
     return max(length(center - frame.eye) - agent.scale * clip.sphere_radius, frame.near);
 }
 
+#include "occlusion.hlsli"
+
 // Frame position of a phase: the last frame stands at the clip's end.
 float FramePosition(ClipInfo clip, float phase)
 {
     return (phase - floor(phase)) * float(clip.frame_count - 1u);
+}
+
+// Radius of an agent's contact shadow in metres. Whoever floats or flies casts less of it.
+float ShadowRadius(AgentState agent, CharacterInfo character, ClipInfo clip0)
+{
+    float height = abs(agent.position.y + agent.scale * character.lowest);
+    return max(agent.scale * clip0.shadow_radius - height, 0.0);
 }
 
 // An agent's list entry, but for its live vertices.
@@ -182,9 +197,7 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
     instance.packed = influence_count | (sample_count << 3) | (index << 6);
     instance.sample_entries = frames * character.joint_count;
     instance.sample_weights = weights.xyz;
-    // Whoever floats or flies casts less of it.
-    float height = abs(agent.position.y + agent.scale * character.lowest);
-    instance.shadow_radius = max(agent.scale * clip0.shadow_radius - height, 0.0);
+    instance.shadow_radius = ShadowRadius(agent, character, clip0);
     return instance;
 }
 
@@ -228,6 +241,105 @@ uint PoseAt(ClipInfo clip, float phase)
     return clip.first_pose + (pose < clip.pose_count ? pose : 0u);
 }
 
+// Puts agents whose lanes want it behind those that are listed. All lanes call it.
+void List(bool wanted, uint index)
+{
+    uint count = WaveActiveCountBits(wanted);
+    uint before = WavePrefixCountBits(wanted);
+    uint place = 0u;
+    if (WaveIsFirstLane() && count > 0u)
+    {
+        InterlockedAdd(listed[LISTED_COUNT], count, place);
+        uint groups = (place + count + SELECT_GROUP_SIZE - 1u) / SELECT_GROUP_SIZE;
+        InterlockedMax(listed[LISTED_GROUPS], groups);
+    }
+    place = WaveReadLaneFirst(place);
+    if (wanted)
+    {
+        listed[LISTED_AGENTS + place + before] = index;
+    }
+}
+
+// What an agent's bounds say: how far it is, and whether any of it is in the picture.
+struct Bounds
+{
+    float distance;
+    bool inside;
+};
+
+Bounds FindBounds(AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInfo clip1, float4 planes[6])
+{
+    // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
+    float nearest = 0.0;
+    [unroll]
+    for (uint p = 0u; p < 6u; p++)
+    {
+        float support = max(Support(clip0, agent, planes[p]), Support(clip1, agent, planes[p]));
+        nearest = p == 0u ? support : min(nearest, support);
+    }
+    Bounds bounds;
+    bounds.inside = nearest >= 0.0;
+    bounds.distance = min(DistanceToSphere(clip0, agent), DistanceToSphere(clip1, agent));
+    return bounds;
+}
+
+// Lists who is large enough to hide others. Threads: one per agent.
+[numthreads(SELECT_GROUP_SIZE, 1, 1)]
+void CSGather(uint3 thread : SV_DispatchThreadID)
+{
+    float4 planes[6] = frame.planes;
+    float occluder_angle = frame.occluder_angle;
+    bool inside = thread.x < frame.agent_count;
+    uint index = min(thread.x, frame.agent_count - 1u);
+    AgentState agent = LoadAgent(index);
+    CharacterInfo character = LoadCharacter(agent.character);
+    ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
+    Bounds bounds = FindBounds(agent, character, clip0, clip0, planes);
+    float height = 2.0 * agent.scale * clip0.box_half_extent.y;
+    bool large = height >= occluder_angle * bounds.distance;
+    bool wanted = inside && bounds.inside && large;
+    List(wanted, index);
+    uint count = WaveActiveCountBits(wanted);
+    if (WaveIsFirstLane() && count > 0u)
+    {
+        InterlockedAdd(tally[TALLY_MESHES], count);
+    }
+}
+
+// Coarse meshes of those who were listed. Threads: one per listed agent.
+[numthreads(SELECT_GROUP_SIZE, 1, 1)]
+void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
+{
+    uint stride = frame.entry_stride;
+    uint count = listed_agents[LISTED_COUNT];
+    if (thread.x >= count)
+    {
+        return;
+    }
+    uint index = listed_agents[LISTED_AGENTS + thread.x];
+    AgentState agent = LoadAgent(index);
+    CharacterInfo character = LoadCharacter(agent.character);
+    float lod_error = character.occluder_error;
+    uint entry = index * stride;
+    uint end = entry + stride;
+    for (uint s = 0u; s < character.submesh_count; s++)
+    {
+        SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
+        uint2 level = levels[LevelAt(submesh, lod_error)];
+        if (level.y != BIN_NONE)
+        {
+            uint rank;
+            InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
+            selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
+            entry++;
+        }
+    }
+    if (entry < end)
+    {
+        selected[entry] = BIN_NONE;
+    }
+}
+
 // Threads: one per agent.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSCount(uint3 thread : SV_DispatchThreadID)
@@ -243,71 +355,61 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
-
-    // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
-    float support[6];
-    [unroll]
-    for (uint p = 0u; p < 6u; p++)
-    {
-        support[p] = Support(clip0, agent, planes[p]);
-    }
-    float distance = DistanceToSphere(clip0, agent);
+    ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16)); // clip0 where it does not count
+    Bounds bounds = FindBounds(agent, character, clip0, clip1, planes);
+    float distance = bounds.distance;
+    bool visible = bounds.inside && inside;
+    bool occluded = false;
+#ifdef OCCLUSION
+    Viewed viewed = LoadViewed();
+    occluded = visible && IsBodyHidden(viewed, agent, clip0, clip1)
+        && IsShadowHidden(viewed, agent, ShadowRadius(agent, character, clip0));
+    visible = visible && !occluded;
+#endif
+    bool second = agent.blend > 0.5 && !still;
     uint pose = PoseAt(clip0, still ? 0.0 : agent.phase0);
-    if (agent.blend > 0.0)
-    {
-        ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
-        [unroll]
-        for (uint p = 0u; p < 6u; p++)
-        {
-            support[p] = max(support[p], Support(clip1, agent, planes[p]));
-        }
-        distance = min(distance, DistanceToSphere(clip1, agent));
-        pose = agent.blend > 0.5 && !still ? PoseAt(clip1, agent.phase1) : pose;
-    }
-    bool visible = min(min(min(support[0], support[1]), min(support[2], support[3])), min(support[4], support[5])) >= 0.0;
-    visible = visible && inside;
+    uint pose1 = PoseAt(clip1, agent.phase1);
+    pose = second ? pose1 : pose;
 
     float lod_error = full ? -1.0 : error_per_metre * distance / agent.scale;
     uint live_vertices = 0u;
     uint mesh = 0u;
-    if (inside)
+    List(visible, index);
+    if (visible)
     {
         uint entry = index * stride;
         uint end = entry + stride;
-        if (visible)
+        Choice choice = ChooseRange(agent.character, pixel_angle * distance / agent.scale);
+        mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
+        uint submesh_count = mesh * character.submesh_count;
+        for (uint s = 0u; s < submesh_count; s++)
         {
-            Choice choice = ChooseRange(agent.character, pixel_angle * distance / agent.scale);
-            mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
-            uint submesh_count = mesh * character.submesh_count;
-            for (uint s = 0u; s < submesh_count; s++)
-            {
-                SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
-                uint2 level = levels[LevelAt(submesh, lod_error)];
-                if (level.y != BIN_NONE)
-                {
-                    uint rank;
-                    InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
-                    live_vertices += level.x;
-                    selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
-                    entry++;
-                }
-            }
-            if (choice.bin != BIN_NONE)
+            SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
+            uint2 level = levels[LevelAt(submesh, lod_error)];
+            if (level.y != BIN_NONE)
             {
                 uint rank;
-                InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, rank);
-                selected[entry] = uint4(choice.bin, rank, pose | (choice.fade << IMPOSTOR_FADE_SHIFT), asuint(lod_error));
+                InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
+                live_vertices += level.x;
+                selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
                 entry++;
             }
-            // A mesh that fades out is drawn whole: what fades in covers it.
-            if (choice.before != BIN_NONE && choice.before != choice.bin)
-            {
-                uint rank;
-                InterlockedAdd(tally[TALLY_BINS + choice.before], 1u, rank);
-                uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | IMPOSTOR_FADES_OUT;
-                selected[entry] = uint4(choice.before, rank, pose | fade, asuint(lod_error));
-                entry++;
-            }
+        }
+        if (choice.bin != BIN_NONE)
+        {
+            uint rank;
+            InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, rank);
+            selected[entry] = uint4(choice.bin, rank, pose | (choice.fade << IMPOSTOR_FADE_SHIFT), asuint(lod_error));
+            entry++;
+        }
+        // A mesh that fades out is drawn whole: what fades in covers it.
+        if (choice.before != BIN_NONE && choice.before != choice.bin)
+        {
+            uint rank;
+            InterlockedAdd(tally[TALLY_BINS + choice.before], 1u, rank);
+            uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | IMPOSTOR_FADES_OUT;
+            selected[entry] = uint4(choice.before, rank, pose | fade, asuint(lod_error));
+            entry++;
         }
         if (entry < end)
         {
@@ -316,11 +418,13 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     }
 
     uint wave_visible = WaveActiveCountBits(visible);
+    uint wave_occluded = WaveActiveCountBits(occluded);
     uint wave_live_vertices = WaveActiveSum(live_vertices);
     uint wave_meshes = WaveActiveSum(mesh);
-    if (WaveIsFirstLane() && wave_visible > 0u)
+    if (WaveIsFirstLane() && wave_visible + wave_occluded > 0u)
     {
         InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
+        InterlockedAdd(tally[TALLY_OCCLUDED], wave_occluded);
         InterlockedAdd(tally[TALLY_MESHES], wave_meshes);
         uint before;
         InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
@@ -380,17 +484,18 @@ void CSScan(uint local : SV_GroupIndex)
     }
 }
 
-// Threads: one per agent.
+// Threads: one per listed agent.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSScatter(uint3 thread : SV_DispatchThreadID)
 {
     uint stride = frame.entry_stride;
-    uint flags = frame.flags;
-    uint index = thread.x;
-    if (index >= frame.agent_count)
+    bool still = (frame.flags & FLAG_STILL) != 0u;
+    uint count = listed_agents[LISTED_COUNT];
+    if (thread.x >= count)
     {
         return;
     }
+    uint index = listed_agents[LISTED_AGENTS + thread.x];
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     bool made = false;
@@ -405,7 +510,7 @@ void CSScatter(uint3 thread : SV_DispatchThreadID)
         }
         if (!made)
         {
-            instance = MakeInstance(index, agent, character, asfloat(choice.w), (flags & FLAG_STILL) != 0u);
+            instance = MakeInstance(index, agent, character, asfloat(choice.w), still);
             made = true;
         }
         uint place = 4u * (list_starts[DRAW_COMMAND_WORDS * choice.x + DRAW_FIRST_INSTANCE_WORD] + choice.y);

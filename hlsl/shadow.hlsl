@@ -10,10 +10,6 @@
 static const float STRENGTH = 0.5;
 // Less than this cannot be seen, and would only show that this pixel's ground is not to the last bit the one beneath.
 static const float STRENGTH_MIN = 0.01;
-// Metres above the ground, so that the two do not fight for depth.
-static const float LIFT = 0.01;
-// Distance in radii at which a shadow begins to fade; at twice that it is gone.
-static const float FADE_RADII = 110.0;
 
 struct Interpolants
 {
@@ -28,13 +24,13 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float2 corner = float2(vertex & 1u, vertex >> 1) * 2.0 - 1.0;
     float radius = instance.shadow_radius;
     float distance = length(instance.position - frame.eye);
-    float fade = saturate(2.0 - distance / max(radius * FADE_RADII, 1e-6));
+    float fade = saturate(2.0 - distance / max(radius * SHADOW_FADE_RADII, 1e-6));
     Interpolants o;
     o.offset_strength = float3(corner, fade * STRENGTH);
     float2 offset = instance.position.xz - frame.eye.xz + corner * (fade > 0.0 ? radius : 0.0);
-    o.position = mul(frame.clip_from_world, float4(frame.eye.x + offset.x, LIFT, frame.eye.z + offset.y, 1.0));
+    o.position = mul(frame.clip_from_world, float4(frame.eye.x + offset.x, SHADOW_LIFT, frame.eye.z + offset.y, 1.0));
     // Of the ground, what the pixel has beneath it, seen from the camera.
-    o.offset = offset * (frame.eye.y > 2.0 * LIFT ? frame.eye.y / (frame.eye.y - LIFT) : 1.0);
+    o.offset = offset * (frame.eye.y > 2.0 * SHADOW_LIFT ? frame.eye.y / (frame.eye.y - SHADOW_LIFT) : 1.0);
     return o;
 }
 

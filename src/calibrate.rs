@@ -189,6 +189,7 @@ fn draw(
         ground: false,
         shadows: false,
         sky: false,
+        occlusion: false,
         ..FrameOptions::default()
     };
     headless.render(&sheet.agents, &sheet.view(supersample), &options)?;

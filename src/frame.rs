@@ -192,6 +192,8 @@ pub struct FrameOptions {
     pub shadows: bool,
     /// Draws the sky behind everything.
     pub sky: bool,
+    /// Leaves out agents whom nearer ones hide. `Full` and `Uninstanced`, to which others are compared, never do.
+    pub occlusion: bool,
     /// Light.
     pub light: Light,
 }
@@ -206,12 +208,18 @@ impl Default for FrameOptions {
             ground_color: None,
             shadows: true,
             sky: true,
+            occlusion: true,
             light: Light::default(),
         }
     }
 }
 
 impl FrameOptions {
+    /// Agents whom others hide are looked for.
+    pub fn looks_for_hidden(&self) -> bool {
+        self.occlusion && !matches!(self.method, Method::Full | Method::Uninstanced)
+    }
+
     pub(crate) fn validate(&self) -> Result<(), RenderError> {
         if !(self.pixel_error >= 0.0 && self.pixel_error.is_finite()) {
             return Err(RenderError::BadOption {
@@ -258,20 +266,26 @@ pub struct FrameReport {
     pub driver: String,
     /// Agents handed in.
     pub agents: u64,
-    /// Agents whose bounds touch the frustum.
+    /// Agents whose bounds touch the frustum, and whom no others were found to hide.
     pub visible: u64,
     /// Agents outside.
     pub culled: u64,
-    /// API draw calls recorded: one per submesh of every character that has agents, plus ground,
-    /// shadow and sky.
+    /// Agents inside whom others hide.
+    pub occluded: u64,
+    /// Agents that were drawn as depth first, so that they hide others.
+    pub occluders: u64,
+    /// API draw calls recorded: one per submesh of every character that has agents, and another one as depth where hidden
+    /// agents are looked for, plus ground, shadow and sky.
     pub draw_calls: u64,
     /// Instances over all submeshes: entries of the instance lists.
     pub instances: u64,
-    /// Triangles handed to the rasteriser, before it culls any.
+    /// Triangles handed to the rasteriser, before it culls any; without the occluders'.
     pub triangles: u64,
+    /// Triangles of the occluders.
+    pub occluder_triangles: u64,
     /// Sum over all instances of their live vertices, without those that wait for coarser levels to use them.
     pub live_vertices: u64,
-    /// Vertex shader runs of the crowd, where the device counts them.
+    /// Vertex shader runs of the crowd, occluders included, where the device counts them.
     pub vertex_invocations: Option<u64>,
     /// Milliseconds from recording to finished work; only a host that waits knows it, such as [`crate::gpu::Headless`].
     pub frame_ms: Option<f64>,

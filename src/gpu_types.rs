@@ -50,20 +50,50 @@ pub const DRAW_COMMAND_WORDS: u32 = 5;
 pub const DRAW_FIRST_INSTANCE_WORD: u32 = 4;
 /// Place of the count of agents that their mesh draws.
 pub const TALLY_MESHES: usize = 3;
+/// Place of the count of agents that are hidden.
+pub const TALLY_OCCLUDED: usize = 4;
 /// Place of the first list's count.
-pub const TALLY_BINS: usize = 4;
+pub const TALLY_BINS: usize = 8;
+/// Place of an indirect dispatch's arguments in the listed buffer.
+pub const LISTED_GROUPS: usize = 0;
+/// Place of the number of agents that are listed.
+pub const LISTED_COUNT: usize = 3;
+/// Place of the first of them.
+pub const LISTED_AGENTS: usize = 4;
+/// Pixels per texel of the occluders' depth, each way.
+pub const OCCLUDER_TEXEL_PX: u32 = 2;
+/// Occluders only hide what is further behind them than this share of its distance.
+pub const OCCLUDER_MARGIN: f32 = 0.005;
+/// Last level of the pyramid over it; level 0 is the depth itself.
+pub const PYRAMID_TOP: u32 = 5;
+/// The most columns of texels that a test looks at.
+pub const TEST_COLUMNS: u32 = 16;
+/// The most rows.
+pub const TEST_ROWS: u32 = 32;
+/// Texels of a side that a thread of the occlude stage reduces.
+pub const REDUCE_BLOCK: u32 = 8;
+/// Threads of a workgroup of the occlude stage.
+pub const REDUCE_GROUP_SIZE: u32 = 64;
 /// `CaptureInstance::group` of a picture of all surfaces.
 pub const CAPTURE_ALL_GROUPS: u32 = u32::MAX;
 /// Surfaces with less weight in a picture's group are not in it.
 pub const CAPTURE_WEIGHT_MIN: f32 = 0.00197;
 /// Surfaces are drawn up to this many depth extents from a picture's centre.
 pub const CAPTURE_DEPTH_REACH: f32 = 8.0;
+/// Metres above the ground that contact shadows are drawn at.
+pub const SHADOW_LIFT: f32 = 0.01;
+/// Distance in radii at which a shadow begins to fade; at twice that it is gone.
+pub const SHADOW_FADE_RADII: f32 = 110.0;
 /// Every vertex lives.
 pub const FLAG_FULL_DETAIL: u32 = 1;
 /// No animation.
 pub const FLAG_STILL: u32 = 2;
 /// `FrameConstants::ground_color` holds a colour.
 pub const GROUND_PLAIN: u32 = 0x8000_0000;
+/// Near is depth 1.
+pub const FLAG_REVERSED_DEPTH: u32 = 4;
+/// Contact shadows are drawn.
+pub const FLAG_SHADOWS: u32 = 8;
 
 /// One field of a shared struct.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,6 +163,10 @@ shared_structs! {
         influences2_error: f32,
         influences3_error: f32,
         lowest: f32,
+        occluder_error: f32,
+        padding0: u32,
+        padding1: u32,
+        padding2: u32,
     }
     /// A clip's bounds and frames.
     struct ClipInfo {
@@ -231,6 +265,10 @@ shared_structs! {
         flags: u32,
         pixel_angle: f32,
         ground_color: u32,
+        width_px: u32,
+        height_px: u32,
+        occluder_angle: f32,
+        padding0: u32,
         padding1: u32,
     }
     /// A character's constants for drawing.

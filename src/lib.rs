@@ -39,6 +39,7 @@ pub mod ground;
 pub mod impostor;
 pub mod limit;
 pub mod mesh;
+pub mod occlude;
 pub mod prepare;
 pub mod reference;
 pub mod representation;

@@ -94,6 +94,10 @@ impl Tables {
             influences2_error: errors.influences[1],
             influences3_error: errors.influences[2],
             lowest: lowest_point(baked),
+            occluder_error: occluder_error(baked),
+            padding0: 0,
+            padding1: 0,
+            padding2: 0,
         });
         self.clip_counts.push(baked.clips.len() as u32);
         for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {
@@ -155,6 +159,27 @@ impl Tables {
             first_quad_texel,
         ));
     }
+}
+
+/// Triangles of the mesh with which a character hides others.
+const OCCLUDER_TRIANGLES: u32 = 64;
+
+/// The smallest LOD error at which a character has few enough triangles to hide others.
+fn occluder_error(baked: &Baked) -> f32 {
+    let mut errors: Vec<f32> = baked.bands.iter().map(|b| b.error).collect();
+    errors.sort_by(f32::total_cmp);
+    let triangles_at = |error: f32| -> u32 {
+        let of = |s: &throng_bake::baked::Submesh| {
+            let bands = &baked.bands[s.first_band as usize..][..s.band_count as usize];
+            let band = bands.iter().rev().find(|b| b.error <= error);
+            band.or(bands.first()).map_or(0, |b| b.index_count / 3)
+        };
+        baked.submeshes.iter().map(of).sum()
+    };
+    let few = errors
+        .iter()
+        .find(|&&e| triangles_at(e) <= OCCLUDER_TRIANGLES);
+    few.or(errors.last()).copied().unwrap_or(0.0)
 }
 
 /// The step that a LOD error is rounded down to: as many for each doubling of the error.

@@ -7,7 +7,8 @@ use glam::{Mat4, Vec4};
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu::{Access, Commands, Drawing};
 use crate::gpu_types::{
-    FLAG_FULL_DETAIL, FLAG_STILL, FrameConstants, GROUND_PLAIN, SELECT_GROUP_SIZE,
+    FLAG_FULL_DETAIL, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FLAG_STILL, FrameConstants, GROUND_PLAIN,
+    LISTED_GROUPS, SELECT_GROUP_SIZE,
 };
 use crate::prepare::Tables;
 
@@ -16,12 +17,16 @@ const HAZE_OF_SKY: f32 = 1.6;
 /// Haze takes half of the light at one over this many metres.
 const HAZE_PER_METRE: f32 = 1.0 / 900.0;
 
-/// The constants that all stages of a frame read.
+/// Agents of at least this height in the picture hide others.
+const OCCLUDER_HEIGHT_PX: f32 = 40.0;
+
+/// The constants that all stages of a frame read; `reversed_depth` as in [`crate::gpu::RendererDesc::reversed_depth`].
 pub fn frame_constants(
     view: &View,
     options: &FrameOptions,
     agent_count: u32,
     tables: &Tables,
+    reversed_depth: bool,
 ) -> FrameConstants {
     let clip_from_world = view.clip_from_world();
     let light = &options.light;
@@ -31,6 +36,12 @@ pub fn frame_constants(
     }
     if !options.animate {
         flags |= FLAG_STILL;
+    }
+    if reversed_depth {
+        flags |= FLAG_REVERSED_DEPTH;
+    }
+    if options.ground && options.shadows {
+        flags |= FLAG_SHADOWS;
     }
     FrameConstants {
         clip_from_world: clip_from_world.to_cols_array_2d(),
@@ -51,6 +62,10 @@ pub fn frame_constants(
         flags,
         pixel_angle: view.pixel_angle(),
         ground_color: options.ground_color.map_or(0, packed_color),
+        width_px: view.size_px[0],
+        height_px: view.size_px[1],
+        occluder_angle: OCCLUDER_HEIGHT_PX * view.pixel_angle(),
+        padding0: 0,
         padding1: 0,
     }
 }
@@ -76,28 +91,76 @@ fn frustum_planes(clip_from_world: Mat4) -> [Vec4; 6] {
     })
 }
 
-/// Records the three passes.
-pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
-    const COMPUTE: vk::PipelineBindPoint = vk::PipelineBindPoint::COMPUTE;
+const COMPUTE: vk::PipelineBindPoint = vk::PipelineBindPoint::COMPUTE;
+/// The listed buffer's head where nobody is listed.
+const NOBODY: [u32; 4] = [0, 1, 1, 0];
+
+/// Records the passes that make the lists of everybody, or, with `occlusion`, of those whom the occluders do not hide.
+pub(crate) fn record(c: &mut Commands, drawing: &Drawing, occlusion: bool) {
+    let (slot, pipelines) = (drawing.slot, drawing.pipelines);
+    let groups = (slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE);
+    begin(c, drawing);
+    if groups > 0 {
+        c.bind_pipeline(
+            COMPUTE,
+            if occlusion {
+                pipelines.count_unhidden
+            } else {
+                pipelines.count
+            },
+        );
+        c.dispatch(groups);
+    }
+    scan_and_scatter(c, drawing);
+}
+
+/// Records the passes that make the occluders' lists, which those of [`record`] overwrite.
+pub(crate) fn record_occluders(c: &mut Commands, drawing: &Drawing) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
-    let groups = (slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE);
+    begin(c, drawing);
+    c.bind_pipeline(COMPUTE, pipelines.gather);
+    c.dispatch((slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE));
+    c.barrier(
+        Access::ComputeReadWrite,
+        &[Access::ComputeReadWrite, Access::DispatchRead],
+    );
+    c.bind_pipeline(COMPUTE, pipelines.count_occluders);
+    c.dispatch_indirect(&buffers.listed, 4 * LISTED_GROUPS as u64);
+    scan_and_scatter(c, drawing);
+    let region = vk::BufferCopy {
+        src_offset: 0,
+        dst_offset: 0,
+        size: buffers.tally.size_bytes,
+    };
+    c.copy_buffer(&buffers.tally, &buffers.readback, region);
+    c.barrier(Access::TransferWrite, &[Access::HostRead]);
+}
 
+/// Empties tally and list, which the frame's commands before may still be reading.
+fn begin(c: &mut Commands, drawing: &Drawing) {
+    let (slot, pipelines) = (drawing.slot, drawing.pipelines);
+    let Some(buffers) = &slot.buffers else { return };
+    c.barrier(Access::ListRead, &[Access::TransferWrite]);
     c.fill_zero(&buffers.tally, vk::WHOLE_SIZE);
+    c.write_words(&buffers.listed, &NOBODY);
     c.barrier(Access::TransferWrite, &[Access::ComputeReadWrite]);
     c.bind_set(COMPUTE, pipelines.select_layout, 0, slot.select_set);
-    if groups > 0 {
-        c.bind_pipeline(COMPUTE, pipelines.count);
-        c.dispatch(groups);
-        c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
-    }
+}
+
+/// From counts to lists.
+fn scan_and_scatter(c: &mut Commands, drawing: &Drawing) {
+    let (slot, pipelines) = (drawing.slot, drawing.pipelines);
+    let Some(buffers) = &slot.buffers else { return };
+    c.barrier(
+        Access::ComputeReadWrite,
+        &[Access::ComputeReadWrite, Access::DispatchRead],
+    );
     c.bind_pipeline(COMPUTE, pipelines.scan);
     c.dispatch(1);
     c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
-    if groups > 0 {
-        c.bind_pipeline(COMPUTE, pipelines.scatter);
-        c.dispatch(groups);
-    }
+    c.bind_pipeline(COMPUTE, pipelines.scatter);
+    c.dispatch_indirect(&buffers.listed, 4 * LISTED_GROUPS as u64);
     c.barrier(
         Access::ComputeReadWrite,
         &[

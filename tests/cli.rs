@@ -195,7 +195,14 @@ fn pictures_of_a_scene_come_with_a_report() {
     assert_eq!(lod["frame_ms"]["runs"], 3);
     assert!(lod["frame_ms"]["p95"].as_f64() >= lod["frame_ms"]["median"].as_f64());
     assert!(lod["fps"].as_f64().unwrap() > 0.0);
-    for key in ["device", "driver", "stage_ms", "representations", "culled"] {
+    for key in [
+        "device",
+        "driver",
+        "stage_ms",
+        "representations",
+        "culled",
+        "occluded",
+    ] {
         assert!(!lod[key].is_null(), "{key}");
     }
     // One draw for the submesh, at most two for its impostors, and what does not depend on the crowd.
@@ -206,10 +213,14 @@ fn pictures_of_a_scene_come_with_a_report() {
     assert!(few["draw_calls"].as_u64().unwrap() <= lod["draw_calls"].as_u64().unwrap() + 2);
     let full = draw(&["--method", "full", "--runs", "1"]);
     assert_eq!(full["triangles"], 4 * 40);
-    assert_eq!(full["draw_calls"], lod["draw_calls"]);
+    // Another draw for those who hide others.
+    let calls = full["draw_calls"].as_u64().unwrap();
+    assert_eq!(lod["draw_calls"], calls + 1);
+    let unhidden = draw(&["--method", "lod", "--occlusion", "off", "--runs", "1"]);
+    assert_eq!(unhidden["draw_calls"], calls);
+    assert_eq!(unhidden["occluded"], 0);
     let one_by_one = draw(&["--method", "uninstanced", "--runs", "1"]);
-    let constant = lod["draw_calls"].as_u64().unwrap() - 1;
-    assert_eq!(one_by_one["draw_calls"], 40 + constant);
+    assert_eq!(one_by_one["draw_calls"], 40 + calls - 1);
 }
 
 #[test]

@@ -419,7 +419,8 @@ fn a_host_draws_a_crowd_between_its_own_draws() {
             let (d, cmd, fence) = (&host.device, host.cmds[slot], host.fences[slot]);
             d.wait_for_fences(&[fence], true, u64::MAX).expect("waited");
             if frame >= FRAMES {
-                visible.push(renderer.report(slot).expect("a report").visible);
+                let report = renderer.report(slot).expect("a report");
+                visible.push(report.visible + report.occluded);
             }
             d.reset_fences(&[fence]).expect("reset");
             // A character comes in the middle of it, while the other slot's frame may still run.

@@ -23,7 +23,7 @@ fn a_hundred_thousand_agents_are_held() {
     let (one, _) = draw(1);
     let (many, picture) = draw(100_000);
     assert_eq!(many.agents, 100_000);
-    assert_eq!(many.visible + many.culled, 100_000);
+    assert_eq!(many.visible + many.culled + many.occluded, 100_000);
     assert_eq!(many.draw_calls, one.draw_calls);
     assert_eq!(draw(100_000).1, picture);
     assert_silent(&headless);

@@ -41,11 +41,17 @@ fn memory_does_not_grow_over_a_thousand_frames() {
             .expect("a frame");
     };
     (0..200).for_each(&mut draw);
+    // Twice, because an allocator may once, in some runs, take an arena for another thread: what leaks grows in both.
     let before = resident_kb();
-    (200..1200).for_each(&mut draw);
-    let (Some(before), Some(after)) = (before, resident_kb()) else {
+    (200..700).for_each(&mut draw);
+    let between = resident_kb();
+    (700..1200).for_each(&mut draw);
+    let (Some(before), Some(between), Some(after)) = (before, between, resident_kb()) else {
         eprintln!("SKIPPED: this system does not tell how much memory a process has");
         return;
     };
-    assert!(after < before + 4096, "{before} KiB became {after} KiB");
+    assert!(
+        between < before + 2048 || after < between + 2048,
+        "{before} KiB became {between} KiB and then {after} KiB"
+    );
 }

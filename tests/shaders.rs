@@ -282,6 +282,9 @@ fn workgroups_have_the_sizes_that_the_host_divides_by() {
             .collect();
         match module.name {
             "select_scan" => assert_eq!(size, [gpu_types::SCAN_GROUP_SIZE, 1, 1]),
+            name if name.starts_with("occlude_reduce") => {
+                assert_eq!(size, [gpu_types::REDUCE_GROUP_SIZE, 1, 1])
+            }
             name if name.starts_with("select")
                 || name.ends_with("_probe")
                 || name.ends_with("_cs") =>
@@ -340,7 +343,22 @@ fn shared_numbers_are_equal() {
             t::TALLY_LIVE_VERTICES_HIGH as f64,
         ),
         ("TALLY_MESHES", t::TALLY_MESHES as f64),
+        ("TALLY_OCCLUDED", t::TALLY_OCCLUDED as f64),
         ("TALLY_BINS", t::TALLY_BINS as f64),
+        ("LISTED_GROUPS", t::LISTED_GROUPS as f64),
+        ("LISTED_COUNT", t::LISTED_COUNT as f64),
+        ("LISTED_AGENTS", t::LISTED_AGENTS as f64),
+        ("OCCLUDER_TEXEL_PX", t::OCCLUDER_TEXEL_PX as f64),
+        ("OCCLUDER_MARGIN", t::OCCLUDER_MARGIN as f64),
+        ("PYRAMID_TOP", t::PYRAMID_TOP as f64),
+        ("TEST_COLUMNS", t::TEST_COLUMNS as f64),
+        ("TEST_ROWS", t::TEST_ROWS as f64),
+        ("REDUCE_BLOCK", t::REDUCE_BLOCK as f64),
+        ("REDUCE_GROUP_SIZE", t::REDUCE_GROUP_SIZE as f64),
+        ("SHADOW_LIFT", t::SHADOW_LIFT as f64),
+        ("SHADOW_FADE_RADII", t::SHADOW_FADE_RADII as f64),
+        ("FLAG_REVERSED_DEPTH", t::FLAG_REVERSED_DEPTH as f64),
+        ("FLAG_SHADOWS", t::FLAG_SHADOWS as f64),
         ("FLAG_FULL_DETAIL", t::FLAG_FULL_DETAIL as f64),
         ("FLAG_STILL", t::FLAG_STILL as f64),
         ("GROUND_PLAIN", t::GROUND_PLAIN as f64),

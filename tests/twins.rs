@@ -21,12 +21,14 @@ const NORMAL_TOLERANCE: f32 = 1e-3;
 fn twin(headless: &Headless, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
     let tables = headless.tables();
     let states: Vec<AgentState> = agents.iter().map(AgentState::from).collect();
-    let frame = throng::select::frame_constants(view, options, agents.len() as u32, tables);
+    let frame = throng::select::frame_constants(view, options, agents.len() as u32, tables, true);
+    let pyramid = headless.occlusion().map(|(_, pyramid)| pyramid);
     select(
         tables,
         &tables.ranges(options, &headless.costs()),
         &states,
         &frame,
+        pyramid.as_ref(),
     )
 }
 
@@ -349,6 +351,7 @@ fn impostors_stand_where_their_twin_puts_them() {
             &options,
             agents.len() as u32,
             headless.tables(),
+            true,
         );
         let draw = lists.draws[kinds[kind].bin as usize];
         assert!(draw.instance_count > 50, "{draw:?}");

@@ -9,7 +9,7 @@ use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Studio};
 use super::output::{Progress, say, write_json};
 use super::render::{Size, save};
-use super::shot::{Request, Shot};
+use super::shot::{Request, Shot, Switch};
 use super::source::Recipe;
 
 /// Draw 10,000 animated people on a plaza and show what it costs
@@ -29,6 +29,9 @@ pub struct Arguments {
     /// A part of the device's name, or its index; the best GPU where left out, a CPU driver where there is none
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
+    /// Leave out agents whom nearer ones hide, in methods other than full and uninstanced
+    #[arg(long, value_name = "on|off", default_value = "on")]
+    occlusion: Switch,
     #[command(flatten)]
     cache: cache::Options,
     /// Frames timed, after two that warm up
@@ -48,6 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let request = Request {
         scene: Some("plaza"),
         agents: arguments.agents,
+        occlusion: Some(arguments.occlusion),
         ..Request::default()
     };
     let device = arguments.device.as_deref();

@@ -143,9 +143,14 @@ pub struct Report {
     pub agents: u64,
     pub visible: u64,
     pub culled: u64,
+    pub occluded: u64,
+    /// Agents drawn as depth first, to hide others.
+    pub occluders: u64,
     pub draw_calls: u64,
     pub instances: u64,
     pub triangles: u64,
+    /// Not among the triangles.
+    pub occluder_triangles: u64,
     pub live_vertices: u64,
     /// Absent where the device does not count them.
     pub vertex_invocations: Option<u64>,
@@ -198,9 +203,12 @@ impl Report {
             agents: last.agents,
             visible: last.visible,
             culled: last.culled,
+            occluded: last.occluded,
+            occluders: last.occluders,
             draw_calls: last.draw_calls,
             instances: last.instances,
             triangles: last.triangles,
+            occluder_triangles: last.occluder_triangles,
             live_vertices: last.live_vertices,
             vertex_invocations: last.vertex_invocations,
             frame_ms,
@@ -336,6 +344,7 @@ impl std::fmt::Display for Report {
         row("picture", format!("{width} x {height}"));
         row("agents", grouped(self.agents));
         row("visible", grouped(self.visible));
+        row("occluded", grouped(self.occluded));
         row("draw calls", grouped(self.draw_calls));
         row("triangles", grouped(self.triangles));
         row(

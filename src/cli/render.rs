@@ -13,7 +13,7 @@ use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Report, Studio};
 use super::output::{Progress, grouped, say, write_json};
 use super::picture::{average, write_png};
-use super::shot::{Request, Shot, ViewFrom};
+use super::shot::{Request, Shot, Switch, ViewFrom};
 use super::source::Recipe;
 
 /// Draw a scene, or a character, to PNG files
@@ -69,6 +69,9 @@ pub struct Arguments {
     /// A camera that takes everybody in, from this side
     #[arg(long, value_name = "SIDE")]
     view: Option<ViewFrom>,
+    /// Leave out agents whom nearer ones hide, in methods other than full and uninstanced
+    #[arg(long, value_name = "on|off", default_value = "on")]
+    occlusion: Switch,
     #[command(flatten)]
     quality: Quality,
     /// A part of the device's name, or its index; the best GPU where left out, a CPU driver where there is none
@@ -162,6 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         clip: arguments.clip.as_deref(),
         camera: arguments.camera.as_deref(),
         side: arguments.view,
+        occlusion: Some(arguments.occlusion),
     };
     let quality = &arguments.quality;
     let device = arguments.device.as_deref();

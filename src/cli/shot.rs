@@ -21,6 +21,7 @@ pub struct Shot {
     side: ViewFrom,
     /// All agents are at the shot's time in their clips: one character to look at, not a crowd.
     is_portrait: bool,
+    occlusion: bool,
 }
 
 /// Where the camera stands when it has to find its place itself.
@@ -67,6 +68,15 @@ pub struct Request<'a> {
     pub camera: Option<&'a str>,
     /// In place of a camera.
     pub side: Option<ViewFrom>,
+    /// Left out, it is on.
+    pub occlusion: Option<Switch>,
+}
+
+/// An option that is on or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
 }
 
 impl Shot {
@@ -118,6 +128,7 @@ impl Shot {
             camera,
             side: request.side.unwrap_or(ViewFrom::ThreeQuarter),
             is_portrait,
+            occlusion: request.occlusion != Some(Switch::Off),
         })
     }
 
@@ -179,6 +190,7 @@ impl Shot {
             ground: self.scene.ground,
             ground_color: self.scene.ground_color,
             sky: self.scene.sky,
+            occlusion: self.occlusion,
             ..FrameOptions::default()
         }
     }

@@ -32,16 +32,18 @@ impl Kind {
 use Kind::{Image, Sampler, Storage, Texels, Uniform};
 
 /// Frame constants, agents, characters, clips, submeshes, bands, levels, tally, selected, draws, instances; selected and
-/// draws as the scatter pass reads them; ranges.
+/// draws as the scatter pass reads them; ranges; the occluders' pyramid; listed agents, and those as other passes read them.
 pub const SELECT: &[Kind] = &[
     Uniform, Texels, Texels, Texels, Texels, Storage, Texels, Storage, Storage, Storage, Storage,
-    Texels, Texels, Texels,
+    Texels, Texels, Texels, Texels, Storage, Texels,
 ];
 /// The same for devices whose texel buffers are small.
 pub const SELECT_STORAGE: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage, Storage, Storage, Storage,
+    Storage, Storage, Storage, Storage, Storage, Storage, Storage,
 ];
+/// Frame constants, the occluders' depth and the pyramid over it.
+pub const REDUCE: &[Kind] = &[Uniform, Image, Storage];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
 /// Character constants, vertices, collapse, palette, texture array and its sampler.
@@ -56,8 +58,9 @@ pub const CAPTURE: &[Kind] = &[Storage, Storage];
 /// The sets of a compiled module, by set number.
 pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
     match module {
-        "select_count" | "select_scan" | "select_scatter" => &[SELECT],
-        "select_count_storage" | "select_scatter_storage" => &[SELECT_STORAGE],
+        "occlude_reduce" | "occlude_reduce_top" => &[REDUCE],
+        name if name.starts_with("select") && name.ends_with("_storage") => &[SELECT_STORAGE],
+        name if name.starts_with("select") => &[SELECT],
         "mesh_probe" | "impostor_probe" | "impostor_soft_probe" => {
             &[DRAW, CHARACTER, GALLERY, PROBE]
         }

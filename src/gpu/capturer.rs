@@ -484,7 +484,7 @@ fn pipeline(
         .data(bytemuck::cast_slice(&values));
     with_stages(
         cx,
-        ["capture_vs", "capture_ps"],
+        &["capture_vs", "capture_ps"],
         &specialization,
         |stages| pipeline_from_stages(cx, layout, stages, variant.double_sided),
     )

@@ -11,6 +11,10 @@ pub(crate) enum Access {
     TransferWrite,
     TransferRead,
     ComputeReadWrite,
+    /// Arguments of an indirect dispatch.
+    DispatchRead,
+    /// Everything that reads lists, before they are made anew.
+    ListRead,
     /// Indirect arguments and instance lists.
     DrawRead,
     /// Everything that reads an upload.
@@ -28,6 +32,11 @@ impl Access {
                 S::COMPUTE_SHADER,
                 A::SHADER_SAMPLED_READ | A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
             ),
+            Self::ListRead => (
+                S::COMPUTE_SHADER | S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT | S::ALL_TRANSFER,
+                A::NONE,
+            ),
+            Self::DispatchRead => (S::DRAW_INDIRECT, A::INDIRECT_COMMAND_READ),
             Self::DrawRead => (
                 S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT,
                 A::INDIRECT_COMMAND_READ | A::VERTEX_ATTRIBUTE_READ,
@@ -214,9 +223,20 @@ impl<'a> Commands<'a> {
 
     /// As `copy_from_image`, but only the first rows.
     pub fn copy_rows_from_image(&mut self, from: &Image, to: &Buffer, rows: u32) {
+        self.copy_aspect_from_image(from, to, rows, vk::ImageAspectFlags::COLOR);
+    }
+
+    /// As `copy_rows_from_image`, of any aspect.
+    pub fn copy_aspect_from_image(
+        &mut self,
+        from: &Image,
+        to: &Buffer,
+        rows: u32,
+        aspect_mask: vk::ImageAspectFlags,
+    ) {
         let region = [vk::BufferImageCopy {
             image_subresource: vk::ImageSubresourceLayers {
-                aspect_mask: vk::ImageAspectFlags::COLOR,
+                aspect_mask,
                 layer_count: 1,
                 ..Default::default()
             },
@@ -292,19 +312,76 @@ impl<'a> Commands<'a> {
         unsafe { self.context.device.cmd_dispatch(self.cmd, x, y, 1) };
     }
 
+    /// As many workgroups as three words of a buffer say.
+    pub fn dispatch_indirect(&mut self, arguments: &Buffer, offset: u64) {
+        unsafe {
+            self.context
+                .device
+                .cmd_dispatch_indirect(self.cmd, arguments.handle, offset)
+        };
+    }
+
+    /// Writes a few words to the start of a buffer.
+    pub fn write_words(&mut self, buffer: &Buffer, words: &[u32]) {
+        unsafe {
+            self.context.device.cmd_update_buffer(
+                self.cmd,
+                buffer.handle,
+                0,
+                bytemuck::cast_slice(words),
+            )
+        };
+    }
+
+    /// Begins rendering to a depth image alone, all of it cleared to `far`.
+    pub fn begin_depth_rendering(&mut self, depth: &Image, far: f32) {
+        let attachment = vk::RenderingAttachmentInfo::default()
+            .image_view(depth.view)
+            .image_layout(vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL)
+            .load_op(vk::AttachmentLoadOp::CLEAR)
+            .store_op(vk::AttachmentStoreOp::STORE)
+            .clear_value(vk::ClearValue {
+                depth_stencil: vk::ClearDepthStencilValue {
+                    depth: far,
+                    stencil: 0,
+                },
+            });
+        let info = vk::RenderingInfo::default()
+            .render_area(vk::Rect2D {
+                offset: vk::Offset2D::default(),
+                extent: depth.extent,
+            })
+            .layer_count(1)
+            .depth_attachment(&attachment);
+        unsafe { self.context.device.cmd_begin_rendering(self.cmd, &info) };
+    }
+
+    pub fn end_rendering(&mut self) {
+        unsafe { self.context.device.cmd_end_rendering(self.cmd) };
+    }
+
+    /// Viewport and scissor of a picture.
     pub fn set_viewport(&mut self, size_px: [u32; 2]) {
         let [width, height] = size_px;
+        self.set_viewport_in(
+            [width as f32, height as f32],
+            vk::Extent2D { width, height },
+        );
+    }
+
+    /// A viewport that may end within the last pixels of what it is in.
+    pub fn set_viewport_in(&mut self, size: [f32; 2], extent: vk::Extent2D) {
         let viewport = vk::Viewport {
             x: 0.0,
             y: 0.0,
-            width: width as f32,
-            height: height as f32,
+            width: size[0],
+            height: size[1],
             min_depth: 0.0,
             max_depth: 1.0,
         };
         let scissor = vk::Rect2D {
             offset: vk::Offset2D::default(),
-            extent: vk::Extent2D { width, height },
+            extent,
         };
         unsafe {
             self.context

@@ -589,7 +589,7 @@ impl Look {
             cx,
             &DrawState {
                 name: "limit",
-                modules: [&self.module("vs"), &self.pixel_module()],
+                modules: &[&self.module("vs"), &self.pixel_module()],
                 input: Input::Rows {
                     read: rows,
                     of: rows,
@@ -611,7 +611,7 @@ impl Look {
             cx,
             &DrawState {
                 name: "floor",
-                modules: ["limit_floor_vs", "limit_floor_ps"],
+                modules: &["limit_floor_vs", "limit_floor_ps"],
                 input: Input::Rows { read: 1, of: rows },
                 constants: &[],
                 cull: match double_sided {

@@ -12,6 +12,7 @@ use super::probe::{Probe, Probed};
 use super::renderer::{DeviceHandles, Renderer, RendererDesc};
 use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId, FrameOptions, FrameReport, View};
+use crate::reference::occlude::Pyramid;
 use crate::reference::select::Selection;
 
 const COLOR: vk::Format = vk::Format::R8G8B8A8_UNORM;
@@ -265,6 +266,13 @@ impl Headless {
     pub fn selection(&self) -> Option<Selection> {
         // SAFETY: every frame is waited for.
         unsafe { self.renderer().selection(0) }
+    }
+
+    /// The last frame's depth of occluders and the pyramid over it, where the description keeps lists and hidden agents were
+    /// looked for.
+    pub fn occlusion(&self) -> Option<(Vec<f32>, Pyramid)> {
+        // SAFETY: every frame is waited for.
+        unsafe { self.renderer().occlusion(0) }
     }
 
     /// Runs the mesh stage's vertex work for entry `instance` of the last frame's instance lists and returns the position

@@ -9,6 +9,7 @@ mod frozen;
 mod gallery;
 mod headless;
 mod memory;
+mod occluders;
 mod own_device;
 mod pipeline;
 mod probe;

@@ -50,6 +50,16 @@ pub(crate) struct Pipelines {
     pub count: vk::Pipeline,
     pub scan: vk::Pipeline,
     pub scatter: vk::Pipeline,
+    /// The count pass of agents that nobody hides.
+    pub count_unhidden: vk::Pipeline,
+    pub gather: vk::Pipeline,
+    pub count_occluders: vk::Pipeline,
+    pub reduce_set: vk::DescriptorSetLayout,
+    pub reduce_layout: vk::PipelineLayout,
+    pub reduce: vk::Pipeline,
+    pub reduce_top: vk::Pipeline,
+    /// The depth of occluders, and of those of which both faces are drawn.
+    pub occluders: [vk::Pipeline; 2],
     pub mesh_probe: vk::Pipeline,
     pub impostor_probe: vk::Pipeline,
     pub impostor_soft_probe: vk::Pipeline,
@@ -82,7 +92,8 @@ impl Formats {
 /// How a graphics pipeline differs from the others.
 pub(super) struct DrawState<'a> {
     pub name: &'a str,
-    pub modules: [&'a str; 2],
+    /// Vertex shader, and fragment shader where it draws more than depth.
+    pub modules: &'a [&'a str],
     pub input: Input,
     pub constants: &'a [(u32, bool)],
     pub cull: vk::CullModeFlags,
@@ -174,13 +185,9 @@ impl Pipelines {
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
         use vk::ShaderStageFlags as S;
         let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        let (select, count, scatter) = match cx.capabilities.reads_texels() {
-            true => (bindings::SELECT, "select_count", "select_scatter"),
-            false => (
-                bindings::SELECT_STORAGE,
-                "select_count_storage",
-                "select_scatter_storage",
-            ),
+        let (select, variant) = match cx.capabilities.reads_texels() {
+            true => (bindings::SELECT, ""),
+            false => (bindings::SELECT_STORAGE, "_storage"),
         };
         self.select_set = set_layout(cx, "select", select, S::COMPUTE)?;
         self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
@@ -206,16 +213,43 @@ impl Pipelines {
             ],
             Some((S::COMPUTE, constants)),
         )?;
-        self.count = compute(cx, count, self.select_layout)?;
+        let selects =
+            |pass: &str| compute(cx, &format!("select_{pass}{variant}"), self.select_layout);
+        self.count = selects("count")?;
         self.scan = compute(cx, "select_scan", self.select_layout)?;
-        self.scatter = compute(cx, scatter, self.select_layout)?;
+        self.scatter = selects("scatter")?;
+        self.count_unhidden = selects("count_unhidden")?;
+        self.gather = selects("gather")?;
+        self.count_occluders = selects("count_occluders")?;
+        self.reduce_set = set_layout(cx, "reduce", bindings::REDUCE, S::COMPUTE)?;
+        self.reduce_layout = pipeline_layout(cx, "reduce", &[self.reduce_set], None)?;
+        self.reduce = compute(cx, "occlude_reduce", self.reduce_layout)?;
+        self.reduce_top = compute(cx, "occlude_reduce_top", self.reduce_layout)?;
+        for (i, cull) in [vk::CullModeFlags::BACK, vk::CullModeFlags::NONE]
+            .into_iter()
+            .enumerate()
+        {
+            self.occluders[i] = self.graphics(
+                cx,
+                &DrawState {
+                    name: "occluders",
+                    modules: &["occlude_vs"],
+                    input: Input::Instances,
+                    constants: &[],
+                    cull,
+                    topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                    depth_write: true,
+                    mix: Mix::Replaces,
+                },
+            )?;
+        }
         self.mesh_probe = compute(cx, "mesh_probe", self.probe_layout)?;
         self.impostor_probe = compute(cx, "impostor_probe", self.probe_layout)?;
         self.impostor_soft_probe = compute(cx, "impostor_soft_probe", self.probe_layout)?;
         let srgb = (SRGB_TARGET, self.formats.srgb());
         let impostor = DrawState {
             name: "impostor",
-            modules: ["impostor_vs", "impostor_ps"],
+            modules: &["impostor_vs", "impostor_ps"],
             input: Input::Instances,
             constants: &[srgb],
             cull: vk::CullModeFlags::NONE,
@@ -228,7 +262,7 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: "impostor soft",
-                modules: ["impostor_soft_vs", "impostor_soft_ps"],
+                modules: &["impostor_soft_vs", "impostor_soft_ps"],
                 mix: Mix::Covers,
                 ..impostor
             },
@@ -237,7 +271,7 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: "ground",
-                modules: ["ground_vs", "ground_ps"],
+                modules: &["ground_vs", "ground_ps"],
                 input: Input::None,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
@@ -250,7 +284,7 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: "shadow",
-                modules: ["shadow_vs", "shadow_ps"],
+                modules: &["shadow_vs", "shadow_ps"],
                 input: Input::Instances,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
@@ -263,7 +297,7 @@ impl Pipelines {
             cx,
             &DrawState {
                 name: "sky",
-                modules: ["sky_vs", "sky_ps"],
+                modules: &["sky_vs", "sky_ps"],
                 input: Input::None,
                 constants: &[srgb, (REVERSED_DEPTH, self.formats.reversed_depth)],
                 cull: vk::CullModeFlags::NONE,
@@ -301,10 +335,10 @@ impl Pipelines {
             &DrawState {
                 name: &name,
                 modules: match (variant.textured, variant.double_sided) {
-                    (false, false) => ["mesh_vs", "mesh_ps"],
-                    (true, false) => ["mesh_textured_vs", "mesh_textured_ps"],
-                    (false, true) => ["mesh_double_vs", "mesh_double_ps"],
-                    (true, true) => ["mesh_textured_double_vs", "mesh_textured_double_ps"],
+                    (false, false) => &["mesh_vs", "mesh_ps"],
+                    (true, false) => &["mesh_textured_vs", "mesh_textured_ps"],
+                    (false, true) => &["mesh_double_vs", "mesh_double_ps"],
+                    (true, true) => &["mesh_textured_double_vs", "mesh_textured_double_ps"],
                 },
                 input: Input::Instances,
                 constants: &[
@@ -328,6 +362,11 @@ impl Pipelines {
     /// The target's format encodes colours.
     pub fn encodes_srgb(&self) -> bool {
         self.formats.srgb()
+    }
+
+    /// Near is depth 1.
+    pub fn reversed_depth(&self) -> bool {
+        self.formats.reversed_depth
     }
 
     /// The pipeline of a variant that `add_mesh` made.
@@ -400,13 +439,20 @@ impl Pipelines {
             })
             .src_alpha_blend_factor(vk::BlendFactor::ZERO)
             .dst_alpha_blend_factor(vk::BlendFactor::ONE)];
-        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment);
+        let depth_only = state.modules.len() == 1;
+        let colors = if depth_only { 0 } else { 1 };
+        let blend =
+            vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachment[..colors]);
         let dynamic = vk::PipelineDynamicStateCreateInfo::default()
             .dynamic_states(&[vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR]);
         let formats = [self.formats.color];
         let mut rendering = vk::PipelineRenderingCreateInfo::default()
-            .color_attachment_formats(&formats)
-            .depth_attachment_format(self.formats.depth);
+            .color_attachment_formats(&formats[..colors])
+            .depth_attachment_format(if depth_only {
+                super::occluders::DEPTH
+            } else {
+                self.formats.depth
+            });
         let info = vk::GraphicsPipelineCreateInfo::default()
             .stages(stages)
             .vertex_input_state(&vertex_input)
@@ -445,6 +491,13 @@ impl Pipelines {
                 self.count,
                 self.scan,
                 self.scatter,
+                self.count_unhidden,
+                self.gather,
+                self.count_occluders,
+                self.reduce,
+                self.reduce_top,
+                self.occluders[0],
+                self.occluders[1],
                 self.mesh_probe,
                 self.impostor_probe,
                 self.impostor_soft_probe,
@@ -458,11 +511,17 @@ impl Pipelines {
             }
             d.destroy_sampler(self.sampler, None);
             d.destroy_sampler(self.nearest_sampler, None);
-            for layout in [self.select_layout, self.draw_layout, self.probe_layout] {
+            for layout in [
+                self.select_layout,
+                self.reduce_layout,
+                self.draw_layout,
+                self.probe_layout,
+            ] {
                 d.destroy_pipeline_layout(layout, None);
             }
             for set in [
                 self.select_set,
+                self.reduce_set,
                 self.draw_set,
                 self.character_set,
                 self.gallery_set,
@@ -513,27 +572,29 @@ fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, 
     Ok(sampler)
 }
 
-/// What `make` makes of a vertex and a fragment module, which only live so long.
+/// What `make` makes of a vertex module and, where there is one, a fragment module, which only live so long.
 pub(super) fn with_stages(
     cx: &Context,
-    modules: [&str; 2],
+    modules: &[&str],
     specialization: &vk::SpecializationInfo,
     make: impl FnOnce(&[vk::PipelineShaderStageCreateInfo]) -> Result<vk::Pipeline, RenderError>,
 ) -> Result<vk::Pipeline, RenderError> {
-    let [vs, ps] = modules.map(|m| shader(cx, m));
-    let made = match (&vs, &ps) {
-        (Ok(vs), Ok(ps)) => make(&[
-            stage(*vs, vk::ShaderStageFlags::VERTEX, specialization),
-            stage(*ps, vk::ShaderStageFlags::FRAGMENT, specialization),
-        ]),
-        _ => Ok(vk::Pipeline::null()),
-    };
-    for module in [&vs, &ps].into_iter().flatten() {
-        // SAFETY: modules may go once the pipeline is made.
-        unsafe { cx.device.destroy_shader_module(*module, None) };
+    let kinds = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
+    let mut stages = Vec::new();
+    let mut made = Ok(vk::Pipeline::null());
+    for (name, kind) in modules.iter().zip(kinds) {
+        match shader(cx, name) {
+            Ok(module) => stages.push(stage(module, kind, specialization)),
+            Err(e) => made = Err(e),
+        }
     }
-    vs?;
-    ps?;
+    if made.is_ok() {
+        made = make(&stages);
+    }
+    for stage in stages {
+        // SAFETY: modules may go once the pipeline is made.
+        unsafe { cx.device.destroy_shader_module(stage.module, None) };
+    }
     made
 }
 

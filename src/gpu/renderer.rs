@@ -332,12 +332,6 @@ impl Renderer {
             });
         }
         self.update_tables()?;
-        let Some(tables) = &self.table_buffers else {
-            return Err(RenderError::Order {
-                call: "set_agents",
-                reason: "update_tables makes the tables",
-            });
-        };
         let slot = &mut self.slots[frame];
         slot.agent_counts.clear();
         slot.agent_counts.resize(self.residents.len(), 0);
@@ -361,7 +355,7 @@ impl Renderer {
             bins: self.tables.bands.len().max(1) as u32,
             characters: self.tables.characters.len().max(1) as u32,
         };
-        slot.reserve(&self.cx, frame, shape, tables, self.keep_lists)?;
+        slot.reserve(&self.cx, frame, shape, self.keep_lists)?;
         if let Some(buffers) = &mut slot.buffers {
             buffers.agents.write(0, &slot.agents);
         }
@@ -369,12 +363,15 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records the select stage. Outside rendering.
+    /// Records the select stage, and before it the occlude stage where hidden agents are looked for. Outside rendering;
+    /// the occlude stage begins and ends one of its own, into a depth image of the library's.
     ///
     /// # Safety
-    /// `cmd` is recording, is outside rendering, and runs before the one that `record_draw` records into.
+    /// `cmd` is recording, is outside rendering, and runs before the one that `record_draw` records into, and behind the one
+    /// that `record_uploads` recorded into.
     ///
-    /// Errors: [`RenderError::BadOption`], and [`RenderError::Order`] before `set_agents`.
+    /// Errors: [`RenderError::BadOption`], [`RenderError::Memory`] for a picture of another size, and [`RenderError::Order`]
+    /// before `set_agents`, or where a character's upload was never recorded.
     pub unsafe fn record_select(
         &mut self,
         cmd: vk::CommandBuffer,
@@ -393,8 +390,27 @@ impl Renderer {
                 reason: "begin_frame and set_agents come first",
             });
         }
-        let constants =
-            crate::select::frame_constants(view, options, slot.agents.len() as u32, tables);
+        let occlusion = options.looks_for_hidden() && !slot.agents.is_empty();
+        if occlusion {
+            if !self.uploads.is_empty() {
+                return Err(RenderError::Order {
+                    call: "record_select",
+                    reason: "record_uploads comes first: there are characters that were not uploaded",
+                });
+            }
+            let (size_px, keep) = (view.size_px, self.keep_lists);
+            slot.reserve_occluders(&self.cx, &self.pipelines, frame, size_px, keep)?;
+        }
+        if let Some(tables) = &self.table_buffers {
+            slot.update_sets(&self.cx, tables);
+        }
+        let constants = crate::select::frame_constants(
+            view,
+            options,
+            slot.agents.len() as u32,
+            tables,
+            self.pipelines.reversed_depth(),
+        );
         slot.constants.write(0, &[constants]);
         let made_for = Some((options.method, options.pixel_error, self.table_version));
         if slot.ranges_made_for != made_for {
@@ -406,8 +422,13 @@ impl Renderer {
         }
         let mut cpu = None;
         if options.method == Method::Uninstanced {
-            let selection =
-                crate::reference::select::select(tables, &slot.ranges, &slot.agents, &constants);
+            let selection = crate::reference::select::select(
+                tables,
+                &slot.ranges,
+                &slot.agents,
+                &constants,
+                None,
+            );
             slot.write_cpu_lists(&self.cx, frame, &selection)?;
             cpu = Some(selection);
         }
@@ -418,29 +439,43 @@ impl Renderer {
             c.reset_queries(slot.timestamps, Stamp::Count as u32);
         }
         if slot.statistics != vk::QueryPool::null() {
-            c.reset_queries(slot.statistics, 2);
+            c.reset_queries(slot.statistics, 3);
         }
+        stamp(c, slot, Stamp::OccludeBegin);
+        let drawing = Drawing {
+            pipelines: &self.pipelines,
+            residents: &self.residents,
+            tables: &self.tables,
+            gallery: self.gallery.as_ref(),
+            slot,
+        };
+        count_vertices(c, slot, 2, &mut |c| {
+            if occlusion {
+                c.label("occlude", |c| {
+                    crate::select::record_occluders(c, &drawing);
+                    crate::occlude::record(c, &drawing);
+                });
+            }
+        });
         stamp(c, slot, Stamp::SelectBegin);
         if cpu.is_none() {
-            let drawing = Drawing {
-                pipelines: &self.pipelines,
-                residents: &self.residents,
-                tables: &self.tables,
-                gallery: self.gallery.as_ref(),
-                slot,
-            };
-            c.label("select", |c| crate::select::record(c, &drawing));
+            c.label("select", |c| crate::select::record(c, &drawing, occlusion));
             if let Some(b) = &slot.buffers {
                 copy_lists(c, slot, b, self.keep_lists);
             }
+            if let Some(occluders) = slot.occluders.as_ref().filter(|_| occlusion) {
+                occluders.record_readback(c);
+            }
         }
         stamp(c, slot, Stamp::SelectEnd);
+        let draw_calls = c.draw_calls;
         slot.recorded = Some(Recorded {
             options: *options,
             view: *view,
             cpu,
             drawn: false,
-            draw_calls: 0,
+            draw_calls,
+            occlusion,
             upload_ms: slot.upload_ms,
             record_ms: start.elapsed().as_secs_f64() * 1e3,
             bins: tables.bands.len(),
@@ -486,17 +521,7 @@ impl Renderer {
         };
         stamp(c, slot, Stamp::DrawBegin);
         c.set_viewport(recorded.view.size_px);
-        let count_vertices = |c: &mut Commands, query, draw: &mut dyn FnMut(&mut Commands)| {
-            let statistics = slot.statistics != vk::QueryPool::null();
-            if statistics {
-                c.begin_query(slot.statistics, query);
-            }
-            draw(c);
-            if statistics {
-                c.end_query(slot.statistics, query);
-            }
-        };
-        count_vertices(c, 0, &mut |c| {
+        count_vertices(c, slot, 0, &mut |c| {
             c.label("mesh", |c| {
                 crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
             })
@@ -517,13 +542,13 @@ impl Renderer {
         }
         stamp(c, slot, Stamp::SkyEnd);
         // After everything else, because their edges let it through.
-        count_vertices(c, 1, &mut |c| {
+        count_vertices(c, slot, 1, &mut |c| {
             if recorded.cpu.is_none() {
                 c.label("impostor", |c| crate::impostor::record(c, &drawing));
             }
         });
         stamp(c, slot, Stamp::ImpostorEnd);
-        recorded.draw_calls = c.draw_calls;
+        recorded.draw_calls += c.draw_calls;
         recorded.drawn = true;
         recorded.record_ms += start.elapsed().as_secs_f64() * 1e3;
         slot.recorded = Some(recorded);
@@ -608,10 +633,22 @@ pub(super) fn stamp(c: &mut Commands, slot: &Slot, stamp: Stamp) {
     }
 }
 
+/// Counts the vertex-shader runs of what `draw` records, where the device can.
+fn count_vertices(c: &mut Commands, slot: &Slot, query: u32, draw: &mut dyn FnMut(&mut Commands)) {
+    let statistics = slot.statistics != vk::QueryPool::null();
+    if statistics {
+        c.begin_query(slot.statistics, query);
+    }
+    draw(c);
+    if statistics {
+        c.end_query(slot.statistics, query);
+    }
+}
+
 /// Copies the tally, and the lists where tests want them, to where the host reads.
 fn copy_lists(c: &mut Commands, slot: &Slot, b: &super::slot::SlotBuffers, keep_lists: bool) {
     let bytes = list_bytes(slot.shape);
-    let mut offset = 0;
+    let mut offset = bytes[0];
     for (from, size) in [&b.tally, &b.draws, &b.instances]
         .into_iter()
         .zip(bytes)

@@ -3,13 +3,14 @@
 use ash::vk;
 
 use super::renderer::{Renderer, no_slot};
-use super::slot::{Slot, Stamp, list_bytes};
+use super::slot::{Recorded, Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
     DrawCommand, Instance, QUAD_BIN, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
-    TALLY_MESHES, TALLY_VISIBLE,
+    TALLY_MESHES, TALLY_OCCLUDED, TALLY_VISIBLE,
 };
+use crate::reference::occlude::Pyramid;
 use crate::reference::select::Selection;
 
 impl Renderer {
@@ -45,19 +46,18 @@ impl Renderer {
                 call: "report",
                 reason: "record_select and record_draw come first",
             })?;
-        let tally = |word: usize| -> u64 {
-            let buffers = slot.buffers.as_ref();
-            let word: Option<u32> = buffers.and_then(|b| b.readback.value(word));
-            word.map_or(0, u64::from)
-        };
+        // Behind the occluders'.
+        let first = list_bytes(slot.shape)[0] as usize / 4;
+        let tally = |word: usize| tallied(slot, first + word);
         let count = |bin: usize| match &recorded.cpu {
             Some(selection) => selection.draws.get(bin).map_or(0, |d| d.instance_count) as u64,
             None => tally(TALLY_BINS + bin),
         };
-        let (visible, meshes, live_vertices) = match &recorded.cpu {
-            Some(s) => (s.visible, s.meshes, s.live_vertices),
+        let (visible, occluded, meshes, live_vertices) = match &recorded.cpu {
+            Some(s) => (s.visible, s.occluded, s.meshes, s.live_vertices),
             None => (
                 tally(TALLY_VISIBLE),
+                tally(TALLY_OCCLUDED),
                 tally(TALLY_MESHES),
                 tally(TALLY_LIVE_VERTICES_LOW) + (tally(TALLY_LIVE_VERTICES_HIGH) << 32),
             ),
@@ -74,7 +74,9 @@ impl Renderer {
         replace(&mut report.driver, self.driver());
         report.agents = agents;
         report.visible = visible;
-        report.culled = agents - visible;
+        report.culled = agents - visible - occluded;
+        report.occluded = occluded;
+        (report.occluders, report.occluder_triangles) = self.occluders(slot, recorded);
         report.draw_calls = recorded.draw_calls;
         report.instances = instances;
         report.triangles = triangles;
@@ -109,10 +111,11 @@ impl Renderer {
         let [tally_bytes, draw_bytes, instance_bytes] = list_bytes(slot.shape);
         let all: Vec<u8> = buffers
             .readback
-            .read((tally_bytes + draw_bytes + instance_bytes) as usize);
+            .read((2 * tally_bytes + draw_bytes + instance_bytes) as usize);
         let bins = recorded.bins;
-        let tally: Vec<u32> = bytemuck::pod_collect_to_vec(&all[..4 * (TALLY_BINS + bins)]);
-        let rest = &all[tally_bytes as usize..];
+        let tally: Vec<u32> =
+            bytemuck::pod_collect_to_vec(&all[tally_bytes as usize..][..4 * (TALLY_BINS + bins)]);
+        let rest = &all[2 * tally_bytes as usize..];
         let draws: Vec<DrawCommand> =
             bytemuck::pod_collect_to_vec(&rest[..bins * size_of::<DrawCommand>()]);
         let rest = &rest[draw_bytes as usize..];
@@ -130,10 +133,33 @@ impl Renderer {
             instances,
             draws,
             visible: tally[TALLY_VISIBLE] as u64,
+            occluded: tally[TALLY_OCCLUDED] as u64,
             meshes: tally[TALLY_MESHES] as u64,
             live_vertices: tally[TALLY_LIVE_VERTICES_LOW] as u64
                 + ((tally[TALLY_LIVE_VERTICES_HIGH] as u64) << 32),
         })
+    }
+
+    /// The occluders' depth and the pyramid over it, of the frame in slot `frame`; `None` where the renderer does not keep
+    /// them, or did not look for hidden agents.
+    ///
+    /// # Safety
+    /// As for [`Renderer::report`].
+    pub unsafe fn occlusion(&self, frame: usize) -> Option<(Vec<f32>, Pyramid)> {
+        let slot = self.slots.get(frame)?;
+        slot.recorded.as_ref().filter(|r| r.occlusion)?;
+        slot.occluders.as_ref()?.read()
+    }
+
+    /// Occluders and their triangles.
+    fn occluders(&self, slot: &Slot, recorded: &Recorded) -> (u64, u64) {
+        if !recorded.occlusion {
+            return (0, 0);
+        }
+        let bands = self.tables.bands.iter().enumerate().take(recorded.bins);
+        let triangles = bands
+            .map(|(bin, band)| tallied(slot, TALLY_BINS + bin) * (band.index_count / 3) as u64);
+        (tallied(slot, TALLY_MESHES), triangles.sum())
     }
 
     /// Agents by representation, from the lengths of the lists; one that fades counts for both.
@@ -150,8 +176,8 @@ impl Renderer {
         if slot.statistics == vk::QueryPool::null() {
             return None;
         }
-        // Of the meshes and of the impostors.
-        let mut counts = [0u64; 2];
+        // Of the meshes, of the impostors and of the occluders.
+        let mut counts = [0u64; 3];
         // SAFETY: the pool is alive and its commands are finished (`report`'s contract); without WAIT this returns at once.
         unsafe {
             self.cx.device.get_query_pool_results(
@@ -182,6 +208,7 @@ impl Renderer {
         };
         if read.is_ok() {
             for (stage, from, to) in [
+                ("occlude", Stamp::OccludeBegin, Stamp::SelectBegin),
                 ("select", Stamp::SelectBegin, Stamp::SelectEnd),
                 ("mesh", Stamp::DrawBegin, Stamp::MeshEnd),
                 ("ground", Stamp::MeshEnd, Stamp::GroundEnd),
@@ -203,4 +230,11 @@ impl Renderer {
 fn replace(text: &mut String, by: &str) {
     text.clear();
     text.push_str(by);
+}
+
+/// A word of what the frame counted: of the occluders, and behind them of all agents.
+fn tallied(slot: &Slot, word: usize) -> u64 {
+    let buffers = slot.buffers.as_ref();
+    let word: Option<u32> = buffers.and_then(|b| b.readback.value(word));
+    word.map_or(0, u64::from)
 }

@@ -132,7 +132,7 @@ pub(crate) fn check(
     for (has, needs, limit, needed_for) in [
         (
             l.max_per_stage_descriptor_storage_buffers,
-            13,
+            16,
             "maxPerStageDescriptorStorageBuffers",
             "select",
         ),
@@ -191,6 +191,12 @@ pub(crate) fn check(
             depth_format,
             vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT,
             "the depth target",
+        ),
+        (
+            super::occluders::DEPTH,
+            vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT
+                | vk::FormatFeatureFlags::SAMPLED_IMAGE,
+            "the occluders' depth",
         ),
     ] {
         // SAFETY: as above.

@@ -7,11 +7,13 @@ use super::bindings::{self, Kind};
 use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
+use super::occluders::Occluders;
 use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, DrawCommand, FrameConstants, Instance, MAX_RANGES, RangeInfo, Selected, TALLY_BINS,
+    AgentState, DrawCommand, FrameConstants, Instance, LISTED_AGENTS, MAX_RANGES, RangeInfo,
+    Selected, TALLY_BINS,
 };
 use crate::prepare::Tables;
 use crate::reference::select::Selection;
@@ -19,6 +21,7 @@ use crate::reference::select::Selection;
 /// Timestamps of a frame, in order.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Stamp {
+    OccludeBegin,
     SelectBegin,
     SelectEnd,
     DrawBegin,
@@ -60,7 +63,9 @@ pub(crate) struct SlotBuffers {
     pub selected: Buffer,
     pub draws: Buffer,
     pub instances: Buffer,
-    /// Tally, and behind it, for tests, draws and instances.
+    /// Arguments of an indirect dispatch over the agents that stand behind them.
+    pub listed: Buffer,
+    /// The occluders' tally and the frame's, and behind them, for tests, draws and instances.
     pub readback: Buffer,
 }
 
@@ -72,6 +77,8 @@ pub(crate) struct Recorded {
     pub cpu: Option<Selection>,
     pub drawn: bool,
     pub draw_calls: u64,
+    /// Agents that others hide were looked for.
+    pub occlusion: bool,
     pub upload_ms: f64,
     /// What recording took on the CPU.
     pub record_ms: f64,
@@ -85,6 +92,10 @@ pub(crate) struct Slot {
     /// Lists that the CPU made for [`crate::Method::Uninstanced`].
     pub cpu_instances: Option<Buffer>,
     pub constants: Buffer,
+    /// Of the last frame that looked for hidden agents.
+    pub occluders: Option<Occluders>,
+    /// In the pyramid's place before there is one.
+    no_pyramid: Buffer,
     pub agents: Vec<AgentState>,
     /// Agents of each character.
     pub agent_counts: Vec<u32>,
@@ -102,6 +113,8 @@ pub(crate) struct Slot {
     pub upload_ms: f64,
     /// Version of the tables that the sets name.
     pub table_version: u64,
+    /// The sets name the buffers that there are.
+    sets_current: bool,
     pool: vk::DescriptorPool,
 }
 
@@ -147,11 +160,12 @@ impl TableBuffers {
 const UINT4: vk::Format = vk::Format::R32G32B32A32_UINT;
 const UINT2: vk::Format = vk::Format::R32G32_UINT;
 const UINT: vk::Format = vk::Format::R32_UINT;
+pub(super) const FLOAT: vk::Format = vk::Format::R32_SFLOAT;
 
 /// A buffer that the select stage reads as texels of a format, where the device's texel buffers are large.
 ///
 /// Errors: [`RenderError::Limit`] where the device allows none so large.
-fn create_records(
+pub(super) fn create_records(
     cx: &Context,
     name: &str,
     bytes: u64,
@@ -212,16 +226,26 @@ impl Slot {
 
     pub fn new(cx: &Context, pipelines: &Pipelines, index: usize) -> Result<Self, RenderError> {
         let name = |what: &str| format!("{what} of frame {index}");
+        let constants = cx.create_buffer(
+            &name("constants"),
+            size_of::<FrameConstants>() as u64,
+            vk::BufferUsageFlags::UNIFORM_BUFFER,
+            MemoryLocation::CpuToGpu,
+        )?;
+        let no_pyramid = match Occluders::pyramid_buffer(cx, index, 0, false) {
+            Ok(buffer) => buffer,
+            Err(e) => {
+                cx.destroy_buffer(constants);
+                return Err(e);
+            }
+        };
         let mut slot = Self {
             shape: Shape::default(),
             buffers: None,
             cpu_instances: None,
-            constants: cx.create_buffer(
-                &name("constants"),
-                size_of::<FrameConstants>() as u64,
-                vk::BufferUsageFlags::UNIFORM_BUFFER,
-                MemoryLocation::CpuToGpu,
-            )?,
+            constants,
+            occluders: None,
+            no_pyramid,
             agents: Vec::new(),
             agent_counts: Vec::new(),
             ranges: Vec::new(),
@@ -235,6 +259,7 @@ impl Slot {
             begun: false,
             upload_ms: 0.0,
             table_version: 0,
+            sets_current: false,
             pool: vk::DescriptorPool::null(),
         };
         match slot.fill(cx, pipelines, &name) {
@@ -252,7 +277,7 @@ impl Slot {
         pipelines: &Pipelines,
         name: &dyn Fn(&str) -> String,
     ) -> Result<(), RenderError> {
-        self.pool = descriptor_pool(cx, &name("sets"), 3, 16)?;
+        self.pool = descriptor_pool(cx, &name("sets"), 3, 20)?;
         self.select_set = allocate_set(cx, &name("select set"), self.pool, pipelines.select_set)?;
         self.draw_set = allocate_set(cx, &name("draw set"), self.pool, pipelines.draw_set)?;
         self.cpu_draw_set = allocate_set(
@@ -283,19 +308,18 @@ impl Slot {
                 vk::QueryPoolCreateInfo::default()
                     .query_type(vk::QueryType::PIPELINE_STATISTICS)
                     .pipeline_statistics(vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS)
-                    .query_count(2),
+                    .query_count(3),
             )?;
         }
         Ok(())
     }
 
-    /// Makes the buffers hold `shape` and the sets name them and the tables. No pending command uses the slot.
+    /// Makes the buffers hold `shape`. No pending command uses the slot.
     pub fn reserve(
         &mut self,
         cx: &Context,
         index: usize,
         shape: Shape,
-        tables: &TableBuffers,
         keep_lists: bool,
     ) -> Result<(), RenderError> {
         let fits = self.buffers.is_some() && self.shape.holds(&shape);
@@ -321,10 +345,39 @@ impl Slot {
                 old.destroy(cx);
             }
             self.shape = shape;
+            self.sets_current = false;
         }
+        Ok(())
+    }
+
+    /// Makes occluders for pictures of `size_px`. No pending command uses the slot.
+    pub fn reserve_occluders(
+        &mut self,
+        cx: &Context,
+        pipelines: &Pipelines,
+        index: usize,
+        size_px: [u32; 2],
+        keep: bool,
+    ) -> Result<(), RenderError> {
+        if self.occluders.as_ref().is_none_or(|o| o.size_px != size_px) {
+            let new = Occluders::new(cx, pipelines, index, size_px, &self.constants, keep)?;
+            if let Some(old) = self.occluders.replace(new) {
+                old.destroy(cx);
+            }
+            self.sets_current = false;
+        }
+        Ok(())
+    }
+
+    /// Makes the sets name the buffers that there are and the tables. No pending command uses the slot.
+    pub fn update_sets(&mut self, cx: &Context, tables: &TableBuffers) {
         if let Some(b) = &self.buffers
-            && (!fits || self.table_version != tables.version)
+            && (!self.sets_current || self.table_version != tables.version)
         {
+            let pyramid = match &self.occluders {
+                Some(occluders) => &occluders.pyramid,
+                None => &self.no_pyramid,
+            };
             let [characters, clips, submeshes, bands, levels] = &tables.buffers;
             let select = [
                 &self.constants,
@@ -341,6 +394,9 @@ impl Slot {
                 &b.selected,
                 &b.draws,
                 &b.ranges,
+                pyramid,
+                &b.listed,
+                &b.listed,
             ];
             let kinds = match cx.capabilities.reads_texels() {
                 true => bindings::SELECT,
@@ -354,8 +410,8 @@ impl Slot {
             ];
             write_buffers(cx, self.draw_set, &draw);
             self.table_version = tables.version;
+            self.sets_current = true;
         }
-        Ok(())
     }
 
     /// Puts the CPU's lists where shaders read them.
@@ -403,6 +459,10 @@ impl Slot {
             cx.device.destroy_descriptor_pool(self.pool, None);
         }
         cx.destroy_buffer(self.constants);
+        cx.destroy_buffer(self.no_pyramid);
+        if let Some(o) = self.occluders {
+            o.destroy(cx);
+        }
         if let Some(b) = self.buffers {
             b.destroy(cx);
         }
@@ -423,10 +483,11 @@ impl SlotBuffers {
         use vk::BufferUsageFlags as U;
         let [tally, draws, instances] = list_bytes(shape);
         let readback = if keep_lists {
-            tally + draws + instances
+            2 * tally + draws + instances
         } else {
-            tally
+            2 * tally
         };
+        let listed = (LISTED_AGENTS as u64 + shape.agents as u64) * 4;
         let storage = U::STORAGE_BUFFER;
         let source = storage | U::TRANSFER_SRC;
         let agents = shape.agents as u64 * size_of::<AgentState>() as u64;
@@ -452,6 +513,13 @@ impl SlotBuffers {
                 GpuOnly,
                 None,
             ),
+            (
+                "listed agents",
+                listed,
+                storage | U::INDIRECT_BUFFER | U::TRANSFER_DST,
+                GpuOnly,
+                Some(UINT),
+            ),
             ("readback", readback, U::TRANSFER_DST, GpuToCpu, None),
         ];
         let mut made: Vec<Buffer> = Vec::new();
@@ -471,10 +539,20 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok([agents, ranges, tally, selected, draws, instances, readback]) =
-            <[Buffer; 7]>::try_from(made)
+        let Ok(
+            [
+                agents,
+                ranges,
+                tally,
+                selected,
+                draws,
+                instances,
+                listed,
+                readback,
+            ],
+        ) = <[Buffer; 8]>::try_from(made)
         else {
-            unreachable!("seven buffers were made above");
+            unreachable!("eight buffers were made above");
         };
         Ok(Self {
             agents,
@@ -483,6 +561,7 @@ impl SlotBuffers {
             selected,
             draws,
             instances,
+            listed,
             readback,
         })
     }
@@ -495,6 +574,7 @@ impl SlotBuffers {
             self.selected,
             self.draws,
             self.instances,
+            self.listed,
             self.readback,
         ] {
             cx.destroy_buffer(buffer);

@@ -3,4 +3,5 @@
 pub mod capture;
 pub mod impostor;
 pub mod mesh;
+pub mod occlude;
 pub mod select;

@@ -8,6 +8,7 @@ use crate::gpu_types::{
     SKINNING_ERROR_SHARE, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
+use crate::reference::occlude::{Pyramid, is_hidden};
 
 /// What the stage writes.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -18,18 +19,22 @@ pub struct Selection {
     pub draws: Vec<DrawCommand>,
     /// Agents whose bounds touch the frustum.
     pub visible: u64,
+    /// Agents in it whom occluders hide.
+    pub occluded: u64,
     /// Agents that their mesh draws.
     pub meshes: u64,
     /// Sum over all instances of their live vertices.
     pub live_vertices: u64,
 }
 
-/// The whole stage for `agents`, which name only characters and clips of `tables`; `ranges` are [`Tables::ranges`].
+/// The whole stage for `agents`, which name only characters and clips of `tables`; `ranges` are [`Tables::ranges`]. With a
+/// pyramid, without those whom its occluders hide.
 pub fn select(
     tables: &Tables,
     ranges: &[RangeInfo],
     agents: &[AgentState],
     frame: &FrameConstants,
+    pyramid: Option<&Pyramid>,
 ) -> Selection {
     let mut lists: Vec<Vec<Instance>> = vec![Vec::new(); tables.bands.len()];
     let mut selection = Selection::default();
@@ -37,6 +42,12 @@ pub fn select(
         let Some(distance) = view_agent(tables, agent, frame) else {
             continue;
         };
+        let shadow_radius = shadow_radius(tables, agent);
+        let hidden = |p| is_hidden(p, frame, agent, clips_of(tables, agent), shadow_radius);
+        if pyramid.is_some_and(hidden) {
+            selection.occluded += 1;
+            continue;
+        }
         selection.visible += 1;
         let character = &tables.characters[agent.character as usize];
         let still = frame.flags & FLAG_STILL != 0;
@@ -259,10 +270,15 @@ fn make_instance(
         heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
         sample_weights: [sample_weights[0], sample_weights[1], sample_weights[2]],
-        shadow_radius: (agent.scale * clips[0].shadow_radius
-            - (agent.position[1] + agent.scale * character.lowest).abs())
-        .max(0.0),
+        shadow_radius: shadow_radius(tables, agent),
     }
+}
+
+/// Metres. Whoever floats or flies casts less of it.
+fn shadow_radius(tables: &Tables, agent: &AgentState) -> f32 {
+    let height =
+        agent.position[1] + agent.scale * tables.characters[agent.character as usize].lowest;
+    (agent.scale * clips_of(tables, agent)[0].shadow_radius - height.abs()).max(0.0)
 }
 
 /// The bin and the live vertices of a submesh at an error.

@@ -211,6 +211,7 @@ impl Timing<'_> {
             ground: false,
             shadows: false,
             sky: false,
+            occlusion: false,
             ..FrameOptions::default()
         };
         let view = self.sheet.view(1);

@@ -9,7 +9,7 @@ use super::cache;
 use super::impostors::Plan;
 use super::measure::MethodName;
 use super::render::Size;
-use super::shot::{Request, Shot};
+use super::shot::{Request, Shot, Switch};
 use super::source::Recipe;
 
 mod compare;
@@ -79,6 +79,9 @@ pub struct Arguments {
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "1024x768")]
     size: Size,
+    /// Leave out agents whom nearer ones hide, in methods other than full and uninstanced
+    #[arg(long, value_name = "on|off", default_value = "on")]
+    occlusion: Switch,
     #[command(flatten)]
     cache: cache::Options,
     /// Frames timed of each kind, after those that warm up; slow ones get fewer
@@ -164,6 +167,7 @@ impl Arguments {
             scene: Some(self.scene_name(default_scene)),
             characters: &self.characters,
             camera: self.camera.as_deref(),
+            occlusion: Some(self.occlusion),
             ..Request::default()
         };
         let recipe = Recipe {
