@@ -3,28 +3,22 @@
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use throng_bake::baked::Baked;
-use throng_bake::impostor::Kind as ImpostorKind;
 
 use super::commands::{Access, Commands};
-use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
+use super::frozen_parts::{Lists, Look, Pair, Plan, plans};
 use super::headless::{Headless, dropped};
 use super::memory::Buffer;
-use super::pipeline::{
-    ALPHA_TESTED, DrawState, Input, MeshVariant, Mix, Pipelines, SRGB_TARGET, compute,
-};
+use super::pipeline::compute;
 use super::renderer::{Drawing, Renderer, stamp};
 use super::slot::{Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{Agent, FrameOptions, FrameReport, Method, View};
-use crate::gpu_types::{DrawCommand, DrawConstants, Instance, QUAD_BIN, SELECT_GROUP_SIZE};
+use crate::gpu_types::{DrawCommand, DrawConstants, Instance};
 use crate::prepare;
-use crate::reference::mesh::living_ancestor;
 
 /// Frames drawn before the one that is kept: what they leave for the next one counts for a steady frame.
 const FRAMES_BEFORE: usize = 2;
-/// Workgroups that every device takes along an axis.
-const WORKGROUPS_MAX: u32 = 65_535;
 
 /// What [`Headless::freeze`] keeps; [`Headless::release`] frees it.
 pub struct Frozen {
@@ -46,42 +40,7 @@ pub(crate) struct Part {
     pub vertices: Buffer,
     pub indices: Buffer,
     pub index_count: u32,
-    look: Look,
-}
-
-/// Which stage's pixel shader draws a part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Look {
-    Mesh(MeshVariant),
-    Impostor(ImpostorKind),
-}
-
-/// Pipelines for `limit` and `floor`.
-type Pair = [vk::Pipeline; 2];
-
-/// The frame's lists, read back.
-struct Lists {
-    draws: Vec<DrawCommand>,
-    instances: Vec<Instance>,
-}
-
-/// A part before it is on the device.
-struct Plan {
-    character: usize,
-    look: Look,
-    constants: DrawConstants,
-    runs: Vec<Run>,
-    vertex_count: u32,
-    indices: Vec<u32>,
-}
-
-/// Instances whose vertices are transformed together.
-struct Run {
-    /// Vertices of one instance.
-    vertex_count: u32,
-    first_instance: u32,
-    instance_count: u32,
-    first_output: u32,
+    pub(super) look: Look,
 }
 
 impl Headless {
@@ -364,272 +323,5 @@ fn check_characters(renderer: &Renderer, characters: &[Baked]) -> Result<(), Ren
             option: "characters",
             reason: "they are not the renderer's, in its order".into(),
         }),
-    }
-}
-
-/// What every draw of the frame shows, in the order of the draws.
-fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) -> Vec<Plan> {
-    let mut meshes = Vec::new();
-    let mut impostors = Vec::new();
-    for (character, (resident, baked)) in renderer.residents.iter().zip(characters).enumerate() {
-        for draw in &resident.draws {
-            let mut plan = Plan::new(character, Look::Mesh(draw.variant()));
-            plan.constants.first_vertex = draw.first_vertex;
-            plan.constants.alpha_cutoff = draw.alpha_cutoff.unwrap_or(0.0);
-            for band in draw.first_band..draw.first_band + draw.band_count {
-                let command = lists.draw(resident.first_bin + band);
-                let band = &baked.bands[band as usize];
-                let window =
-                    &baked.indices[band.first_index as usize..][..band.index_count as usize];
-                let first = plan.begin(&command, band.vertex_count);
-                let instances = lists.instances(&command);
-                for (instance, base) in instances
-                    .iter()
-                    .zip((first..).step_by(band.vertex_count.max(1) as usize))
-                {
-                    let live = instance.live_vertex_count;
-                    let living = |v| living_ancestor(baked, draw.first_vertex as usize, v, live).0;
-                    for corners in window.chunks_exact(3) {
-                        let [a, b, c] = [corners[0], corners[1], corners[2]].map(living);
-                        if a != b && b != c && c != a {
-                            plan.indices.extend([a, b, c].map(|v| base + v));
-                        }
-                    }
-                }
-            }
-            meshes.push(plan);
-        }
-        let kinds = &renderer.tables.representations[character].kinds;
-        for kind in kinds.iter().filter(|k| k.bin != QUAD_BIN) {
-            let mut plan = Plan::new(character, Look::Impostor(kind.kind));
-            plan.constants.first_vertex = 4 * kind.first_quad;
-            plan.constants.first_quad = kind.first_quad_texel;
-            plan.add_quads(renderer, lists, kind.bin);
-            impostors.push(plan);
-        }
-    }
-    // What blends comes last, for all characters.
-    if !characters.is_empty() {
-        let mut plan = Plan::new(0, Look::Impostor(ImpostorKind::Quad));
-        plan.add_quads(renderer, lists, QUAD_BIN);
-        impostors.push(plan);
-    }
-    meshes.append(&mut impostors);
-    meshes
-}
-
-impl Lists {
-    fn draw(&self, bin: u32) -> DrawCommand {
-        let none: DrawCommand = bytemuck::Zeroable::zeroed();
-        self.draws.get(bin as usize).copied().unwrap_or(none)
-    }
-
-    fn instances(&self, draw: &DrawCommand) -> &[Instance] {
-        let first = draw.first_instance as usize;
-        let list = self
-            .instances
-            .get(first..first + draw.instance_count as usize);
-        list.unwrap_or(&[])
-    }
-}
-
-impl Plan {
-    fn new(character: usize, look: Look) -> Self {
-        Self {
-            character,
-            look,
-            constants: bytemuck::Zeroable::zeroed(),
-            runs: Vec::new(),
-            vertex_count: 0,
-            indices: Vec::new(),
-        }
-    }
-
-    /// Adds a list of impostors.
-    fn add_quads(&mut self, renderer: &Renderer, lists: &Lists, bin: u32) {
-        let window = &renderer.tables.bands[bin as usize];
-        let command = lists.draw(bin);
-        let first = self.begin(&command, window.vertex_count);
-        let quads = window.vertex_count / 4 * lists.instances(&command).len() as u32;
-        let corners = crate::impostor::indices(quads);
-        self.indices.extend(corners.iter().map(|v| first + v));
-    }
-
-    /// Adds a list, each of whose instances has `vertex_count` vertices, and returns where they begin.
-    fn begin(&mut self, command: &DrawCommand, vertex_count: u32) -> u32 {
-        let first_output = self.vertex_count;
-        self.runs.push(Run {
-            vertex_count,
-            first_instance: command.first_instance,
-            instance_count: command.instance_count,
-            first_output,
-        });
-        let added = vertex_count.saturating_mul(command.instance_count);
-        self.vertex_count = self.vertex_count.saturating_add(added);
-        first_output
-    }
-
-    fn allocate(&self, cx: &Context, [limit, floor]: Pair) -> Result<Part, RenderError> {
-        use vk::BufferUsageFlags as U;
-        let bytes = self.vertex_count as u64 * 16 * self.look.rows() as u64;
-        if bytes > cx.capabilities.storage_range {
-            return Err(RenderError::Limit {
-                object: cx.full_name("transformed vertices"),
-                needed: bytes,
-                limit: cx.capabilities.storage_range,
-                unit: "bytes of storage buffer",
-                hint: "freeze a frame of fewer agents, or of coarser levels of detail",
-            });
-        }
-        let usage = U::STORAGE_BUFFER | U::VERTEX_BUFFER;
-        let vertices = cx.create_buffer(
-            "transformed vertices",
-            bytes,
-            usage,
-            MemoryLocation::GpuOnly,
-        )?;
-        let indices = cx.create_buffer(
-            "transformed indices",
-            size_of_val(&self.indices[..]) as u64,
-            U::INDEX_BUFFER | U::TRANSFER_DST,
-            MemoryLocation::GpuOnly,
-        );
-        let indices = match indices {
-            Ok(indices) => indices,
-            Err(e) => {
-                cx.destroy_buffer(vertices);
-                return Err(e);
-            }
-        };
-        Ok(Part {
-            character: self.character,
-            constants: self.constants,
-            limit,
-            floor,
-            vertices,
-            indices,
-            index_count: self.indices.len() as u32,
-            look: self.look,
-        })
-    }
-
-    fn record_transform(
-        &self,
-        c: &mut Commands,
-        renderer: &Renderer,
-        slot: &Slot,
-        pipeline: vk::Pipeline,
-        set: vk::DescriptorSet,
-    ) {
-        const COMPUTE: vk::PipelineBindPoint = vk::PipelineBindPoint::COMPUTE;
-        let layout = renderer.pipelines.probe_layout;
-        c.bind_pipeline(COMPUTE, pipeline);
-        c.bind_set(COMPUTE, layout, 0, slot.draw_set);
-        c.bind_set(COMPUTE, layout, 1, renderer.residents[self.character].set);
-        if let Some(gallery) = &renderer.gallery {
-            c.bind_set(COMPUTE, layout, 2, gallery.set);
-        }
-        c.bind_set(COMPUTE, layout, 3, set);
-        for run in self.runs.iter().filter(|r| r.vertex_count > 0) {
-            let mut done = 0;
-            while done < run.instance_count {
-                let rows = (run.instance_count - done).min(WORKGROUPS_MAX);
-                let constants = DrawConstants {
-                    probe_vertex_count: run.vertex_count,
-                    probe_instance: run.first_instance + done,
-                    probe_output: run.first_output + done * run.vertex_count,
-                    ..self.constants
-                };
-                c.push_constants(layout, vk::ShaderStageFlags::COMPUTE, &constants);
-                c.dispatch_rows([run.vertex_count.div_ceil(SELECT_GROUP_SIZE), rows]);
-                done += rows;
-            }
-        }
-        c.barrier(Access::ComputeReadWrite, &[Access::DrawRead]);
-    }
-}
-
-impl Look {
-    /// Rows of 16 bytes of a transformed vertex: `LIMIT_ROWS` of hlsl/limit.hlsl.
-    fn rows(self) -> u32 {
-        match self {
-            Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
-            Self::Impostor(ImpostorKind::Flat) => 7,
-            Self::Impostor(ImpostorKind::Quad) => 5,
-        }
-    }
-
-    fn module(self, stage: &str) -> String {
-        let what = match self {
-            Self::Mesh(v) => match (v.textured, v.double_sided) {
-                (false, false) => "mesh",
-                (true, false) => "mesh_textured",
-                (false, true) => "mesh_double",
-                (true, true) => "mesh_textured_double",
-            },
-            Self::Impostor(ImpostorKind::Flat) => "impostor",
-            Self::Impostor(ImpostorKind::Quad) => "impostor_soft",
-        };
-        format!("limit_{what}_{stage}")
-    }
-
-    /// Of the stage that draws it otherwise.
-    fn pixel_module(self) -> String {
-        self.module("ps").replace("limit_", "")
-    }
-
-    fn pipelines(self, cx: &Context, pipelines: &Pipelines) -> Result<Pair, RenderError> {
-        let (alpha_tested, double_sided, mix) = match self {
-            Self::Mesh(v) => (v.alpha_tested, v.double_sided, Mix::Replaces),
-            Self::Impostor(ImpostorKind::Flat) => (false, true, Mix::Replaces),
-            Self::Impostor(ImpostorKind::Quad) => (false, true, Mix::Covers),
-        };
-        let rows = self.rows();
-        let limit = pipelines.graphics(
-            cx,
-            &DrawState {
-                name: "limit",
-                modules: &[&self.module("vs"), &self.pixel_module()],
-                input: Input::Rows {
-                    read: rows,
-                    of: rows,
-                },
-                constants: &[
-                    (ALPHA_TESTED, alpha_tested),
-                    (SRGB_TARGET, pipelines.encodes_srgb()),
-                ],
-                cull: match double_sided {
-                    true => vk::CullModeFlags::NONE,
-                    false => vk::CullModeFlags::BACK,
-                },
-                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
-                depth_write: true,
-                mix,
-            },
-        )?;
-        let floor = pipelines.graphics(
-            cx,
-            &DrawState {
-                name: "floor",
-                modules: &["limit_floor_vs", "limit_floor_ps"],
-                input: Input::Rows { read: 1, of: rows },
-                constants: &[],
-                cull: match double_sided {
-                    true => vk::CullModeFlags::NONE,
-                    false => vk::CullModeFlags::BACK,
-                },
-                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
-                depth_write: true,
-                mix: Mix::Replaces,
-            },
-        );
-        match floor {
-            Ok(floor) => Ok([limit, floor]),
-            Err(e) => {
-                // SAFETY: made just now, used by nothing.
-                unsafe { cx.device.destroy_pipeline(limit, None) };
-                Err(e)
-            }
-        }
     }
 }

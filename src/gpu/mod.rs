@@ -6,6 +6,7 @@ mod commands;
 mod context;
 mod descriptors;
 mod frozen;
+mod frozen_parts;
 mod gallery;
 mod headless;
 mod memory;

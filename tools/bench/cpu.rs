@@ -119,5 +119,6 @@ fn spread(count: usize, character: throng::CharacterId) -> Vec<Agent> {
         .collect()
 }
 
+#[allow(missing_docs)] // a function that the macro makes
 criterion_group!(cpu, bakes, frames);
 criterion_main!(cpu);
