@@ -279,6 +279,7 @@ impl Frozen {
                 c.end_query(slot.statistics, query);
             }
         };
+        stamp(c, slot, Stamp::OccludeBegin);
         stamp(c, slot, Stamp::SelectBegin);
         stamp(c, slot, Stamp::SelectEnd);
         stamp(c, slot, Stamp::DrawBegin);

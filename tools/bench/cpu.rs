@@ -2,6 +2,8 @@
 //!
 //! `cargo bench --bench cpu`, or `cargo bench --bench cpu -- simplify`. Frames need Vulkan and are left out without it.
 
+#![allow(missing_docs)] // of what criterion_group makes
+
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Duration;
@@ -119,6 +121,5 @@ fn spread(count: usize, character: throng::CharacterId) -> Vec<Agent> {
         .collect()
 }
 
-#[allow(missing_docs)] // a function that the macro makes
 criterion_group!(cpu, bakes, frames);
 criterion_main!(cpu);
