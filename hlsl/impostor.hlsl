@@ -6,7 +6,7 @@
 #include "color.hlsli"
 #include "instance.hlsli"
 
-[[vk::binding(2, 2)]] Texture2D<float4> color_texture; // sRGB-encoded colour, coverage
+[[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
 [[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
 [[vk::binding(5, 2)]] SamplerState atlas_sampler;
 
@@ -24,7 +24,11 @@ struct Interpolants
     nointerpolation float4 sun_mip : TEXCOORD1; // towards the sun in the picture's axes; mip
     nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
     nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
-#ifndef SOFT
+#ifdef SOFT
+    float depth : TEXCOORD4; // of the plane before the quad's centre, in its extents
+    nointerpolation float4 bounds : TEXCOORD5; // of the picture in the atlas
+    nointerpolation float2 shift : TEXCOORD6; // in the atlas by a depth extent before the plane
+#else
     float3 depths : TEXCOORD4; // clip-space z and w; plane before the quad's centre, in its extents
     nointerpolation float2 depth_step : TEXCOORD5; // clip-space z and w of a step from the centre to the near end of the depths
     nointerpolation uint pose_fade : TEXCOORD6;
@@ -39,7 +43,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    o.uv_height = float3(GalleryUV(placed), placed.corner.y - instance.position.y);
+    float4 gallery = GalleryFrom(placed.atlas);
+    o.uv_height = float3(placed.uv * gallery.xy + gallery.zw, placed.corner.y - instance.position.y);
     float3 sun = frame.to_sun;
     o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
@@ -47,7 +52,11 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
     share = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u ? 1.0 - share : share;
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
-#ifndef SOFT
+#ifdef SOFT
+    o.depth = placed.depth / placed.depth_extent;
+    o.bounds = placed.bounds * gallery.xyxy + gallery.zwzw;
+    o.shift = placed.shift * gallery.xy;
+#else
     o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
     o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
     o.pose_fade = instance.live_vertex_count;
@@ -82,16 +91,19 @@ float3 EncodedColor(float3 color)
 }
 
 #ifdef SOFT
-// One quad blends its edges, and its plane is depth enough.
+// One quad blends its edges, and its plane is depth enough. What lies before or behind the plane shifts with the direction to
+// the eye: one step along its ray, from the depth at the plane, leaves a third of the error that a view's width causes.
 float4 PSMain(Interpolants i) : SV_Target
 {
-    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_height.xy, i.sun_mip.w);
+    float before = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w).w * 2.0 - 1.0 - i.depth;
+    float2 uv = clamp(i.uv_height.xy + before * i.shift, i.bounds.xy, i.bounds.zw);
+    float4 color = color_texture.SampleLevel(atlas_sampler, uv, i.sun_mip.w);
     float coverage = color.a * i.tint_share.w;
     if (coverage < SOFT_EDGE)
     {
         discard;
     }
-    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w);
+    float4 surface = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w);
     float3 lit = Lit(i, color.rgb, surface);
     if (SRGB_TARGET)
     {

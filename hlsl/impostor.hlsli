@@ -12,6 +12,9 @@
 
 #include "light.hlsli"
 
+// Least cosine between the eye's ray and a picture's plane that pixels are shifted for: no further at flatter angles.
+static const float MIN_SLANT = 0.4;
+
 // A picture of a quad in world space.
 struct Placed
 {
@@ -23,6 +26,8 @@ struct Placed
     float atlas; // which of the gallery's
     float depth_extent; // metres
     float depth; // of the corner before the quad's centre, metres
+    float2 shift; // texels, to where the eye's ray meets what lies a depth extent before the plane
+    float4 bounds; // least and greatest texel of the atlas that filters nothing but the picture
     float mip;
 };
 
@@ -31,13 +36,13 @@ float4 GalleryTexel(uint i)
     return gallery_texture.Load(int3(i % GALLERY_ROW_TEXELS, i / GALLERY_ROW_TEXELS, 0));
 }
 
-// Where a corner's texel is in the gallery's pictures: atlases stand in rows of a grid.
-float2 GalleryUV(Placed placed)
+// Where texels of an atlas are in the gallery's pictures, as a factor and what to add: atlases stand in rows of a grid.
+float4 GalleryFrom(float atlas)
 {
     float4 grid = GalleryTexel(0u); // 1 over width and height; width of an atlas's place in it; columns
-    float row = floor((placed.atlas + 0.5) / grid.w);
-    float column = placed.atlas - row * grid.w;
-    return (placed.uv + grid.z * float2(column, row)) * grid.xy;
+    float row = floor((atlas + 0.5) / grid.w);
+    float column = atlas - row * grid.w;
+    return float4(grid.xy, grid.z * float2(column, row) * grid.xy);
 }
 
 // A quad of an instance: where the gallery's table has it and its first view's tile, and model space from the quad's space.
@@ -163,6 +168,9 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.atlas = place.y;
     o.depth_extent = depth_extent * scale;
     o.depth = depth * scale;
+    float3 ray = float3(dot(direction, right), dot(direction, up), dot(direction, towards));
+    o.shift = ray.xy * ((uv.zw - uv.xy) / max(plane.zw - plane.xy, 1e-12) * (depth_extent / max(ray.z - dot(lean.xy, ray.xy), MIN_SLANT)));
+    o.bounds = float4(uv.xw + 0.5, uv.zy - 0.5);
     // Units of the quad's space in a pixel, over those in a texel.
     float pixel = frame.pixel_angle * length(eye);
     float atlas_texel = (plane.z - plane.x) / max(uv.z - uv.x, 1.0);

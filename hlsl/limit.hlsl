@@ -7,11 +7,7 @@
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
-#ifdef SOFT
-#define LIMIT_ROWS 5
-#else
 #define LIMIT_ROWS 7
-#endif
 #else
 #include "mesh.hlsl"
 #if defined(TEXTURED) && defined(DOUBLE_SIDED)
@@ -78,7 +74,10 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     transformed[row + 2u] = i.sun_mip;
     transformed[row + 3u] = i.up_haze;
     transformed[row + 4u] = i.tint_share;
-#ifndef SOFT
+#ifdef SOFT
+    transformed[row + 5u] = i.bounds;
+    transformed[row + 6u] = float4(i.shift, i.depth, 0.0);
+#else
     transformed[row + 5u] = float4(i.depths, asfloat(i.pose_fade));
     transformed[row + 6u] = float4(i.depth_step, 0.0, 0.0);
 #endif
@@ -104,7 +103,11 @@ Interpolants VSLimit(TransformedVertex v)
     o.sun_mip = v.row2;
     o.up_haze = v.row3;
     o.tint_share = v.row4;
-#ifndef SOFT
+#ifdef SOFT
+    o.bounds = asfloat(v.row5);
+    o.shift = v.row6.xy;
+    o.depth = v.row6.z;
+#else
     o.depths = asfloat(v.row5.xyz);
     o.pose_fade = v.row5.w;
     o.depth_step = v.row6.xy;

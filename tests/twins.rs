@@ -378,6 +378,7 @@ fn impostors_stand_where_their_twin_puts_them() {
                                 distance(c.corner, g.corner)
                                     .max(distance(c.towards, g.towards))
                                     .max((c.uv - g.uv).length() * 0.01)
+                                    .max((c.shift - g.shift).length() * 0.01)
                                     .max((c.depth_extent - g.depth_extent).abs())
                                     .max((c.depth - g.depth).abs())
                                     .max((c.mip - g.mip).abs() * 0.1)

@@ -252,8 +252,7 @@ impl Look {
     fn rows(self) -> u32 {
         match self {
             Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
-            Self::Impostor(ImpostorKind::Flat) => 7,
-            Self::Impostor(ImpostorKind::Quad) => 5,
+            Self::Impostor(_) => 7,
         }
     }
 

@@ -307,7 +307,7 @@ impl Headless {
     ) -> Result<Vec<crate::reference::impostor::Placed>, RenderError> {
         let rows = self.probe(character, Probed::Impostor(kind), instance)?;
         let corners = rows
-            .chunks_exact(3)
+            .chunks_exact(4)
             .map(|r| crate::reference::impostor::Placed {
                 corner: r[0].truncate(),
                 mip: r[0].w,
@@ -315,6 +315,7 @@ impl Headless {
                 depth_extent: r[1].w,
                 uv: r[2].truncate().truncate(),
                 depth: r[2].z,
+                shift: r[3].truncate().truncate(),
             });
         Ok(corners.collect())
     }

@@ -18,7 +18,7 @@ use crate::gpu_types::{DrawConstants, QUAD_BIN, SELECT_GROUP_SIZE};
 pub(super) enum Probed {
     /// A submesh; position and normal of every vertex.
     Mesh(usize),
-    /// An impostor kind; corner and mip, direction and depth extent, place in the atlas.
+    /// An impostor kind; corner and mip, direction and depth extent, place in the atlas, shift.
     Impostor(usize),
 }
 
@@ -41,7 +41,7 @@ impl Probed {
     fn rows(self) -> usize {
         match self {
             Self::Mesh(_) => 2,
-            Self::Impostor(_) => 3,
+            Self::Impostor(_) => 4,
         }
     }
 }

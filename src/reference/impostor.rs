@@ -6,6 +6,9 @@ use throng_bake::impostor::{Impostors, NO_JOINT, Tile, ViewSet};
 
 use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
 
+/// Least cosine between the eye's ray and a picture's plane that pixels are shifted for.
+const MIN_SLANT: f32 = 0.4;
+
 /// A corner of a picture in world space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placed {
@@ -19,6 +22,8 @@ pub struct Placed {
     pub depth_extent: f32,
     /// Of the corner before the quad's centre, metres.
     pub depth: f32,
+    /// Texels, to where the eye's ray meets what lies a depth extent before the plane.
+    pub shift: Vec2,
     /// Not rounded.
     pub mip: f32,
 }
@@ -67,6 +72,16 @@ pub fn place_quad(
     let turn = |m: Vec3| Vec3::new(cos * m.x + sin * m.z, scale * m.y, cos * m.z - sin * m.x);
     let pixel = frame.pixel_angle * eye.length();
     let texel = (tile.max[0] - tile.min[0]) / tile.size[0].max(1) as f32;
+    let ray = Vec3::new(
+        direction.dot(right),
+        direction.dot(up),
+        direction.dot(towards),
+    );
+    let slant = ray.z - tile.lean[0] * ray.x - tile.lean[1] * ray.y;
+    let extent = Vec2::from(tile.max) - Vec2::from(tile.min);
+    let size = Vec2::new(f32::from(tile.size[0]), -f32::from(tile.size[1]));
+    let shift = Vec2::new(ray.x, ray.y) * size / extent.max(Vec2::splat(1e-12))
+        * (q.depth_extent / slant.max(MIN_SLANT));
     let mip = (pixel / texel.max(1e-12)).max(1.0).log2() + IMPOSTOR_MIP_BIAS;
     [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|[x, y]| {
         let at =
@@ -83,6 +98,7 @@ pub fn place_quad(
             uv: texel,
             depth_extent: q.depth_extent * scale,
             depth: depth * scale,
+            shift,
             mip: mip.clamp(0.0, impostors.atlas.mip_count.saturating_sub(1) as f32),
         }
     })

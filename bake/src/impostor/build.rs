@@ -12,14 +12,15 @@ use crate::baked::Baked;
 const TEXEL_BYTES: u64 = 8;
 /// Share of the memory limit that is planned for: packing wastes some.
 const PLANNED_SHARE: f64 = 0.94;
-/// Share of the memory that `Flat` is allowed once it has been captured.
-const FLAT_MOST: f64 = 0.6;
+/// What `Flat` may exceed its share by once it has been captured: better than the time to take it again.
+const FLAT_EXCESS: f64 = 1.25;
 /// Share of the time that `Flat` takes of both, for progress.
 const FLAT_TIME: f32 = 0.75;
 /// Coarser texels than this are not tried.
 const COARSEST: f32 = 16.0;
-/// Share of the memory that `Flat` may take where `Quad` is captured, too.
-const FLAT_SHARE: f64 = 0.4;
+/// Share of the memory that `Flat` may take where `Quad` is captured, too: it has few pictures, and at a pixel of error a
+/// hybrid crowd of characters that have both shows `Quad`.
+const FLAT_SHARE: f64 = 0.15;
 
 /// What a build of impostors may be told.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +60,7 @@ impl Default for ImpostorOptions {
             body_view_cuts: 3,
             head_view_cuts: 4,
             quad_view_cuts: 3,
-            quad_lowest_y: -0.3,
+            quad_lowest_y: -0.15,
             texels_per_height: 64.0,
             head_boost: 1.5,
             quad_texels_per_height: 40.0,
@@ -67,7 +68,7 @@ impl Default for ImpostorOptions {
             memory_limit_bytes: 16_000_000,
             mask_samples: 6,
             supersample: 4,
-            mip_count: 3,
+            mip_count: 2,
         }
     }
 }
@@ -198,8 +199,7 @@ pub fn build<E>(
             let mut heard = |share: f32| progress(share * flat_time);
             pictures = take::take(baked, groups, options, &plan, capture, &mut heard)?;
             let texels = tile_texels(&pictures) as f64;
-            // A little more than its share is better than the time to take them again.
-            if texels <= limit.max(FLAT_MOST * texel_limit) || coarser >= COARSEST {
+            if texels <= (FLAT_EXCESS * limit).min(texel_limit) || coarser >= COARSEST {
                 break plan;
             }
             coarser *= ((texels / limit).sqrt() as f32).max(1.05);
