@@ -95,6 +95,7 @@ fn every_method_is_measured_beside_the_others() {
     }
     assert_eq!(entry(step, "limit")["to_limit"], 1.0);
     assert_eq!(entry(step, "floor")["to_floor"], 1.0);
+    assert_eq!(entry(step, "floor")["cpu_to_floor"], 1.0);
     let visible = entry(step, "full")["visible"].as_u64().unwrap();
     assert_eq!(entry(step, "full")["triangles"], 4 * visible);
     assert_eq!(entry(step, "uninstanced")["draw_calls"], visible + 3);

@@ -64,6 +64,9 @@ struct Row {
     /// Median wall time as a multiple of that of `limit`, and of `floor`.
     to_limit: Option<f64>,
     to_floor: Option<f64>,
+    /// The same of median CPU time, which suffers less from what else the machine does.
+    cpu_to_limit: Option<f64>,
+    cpu_to_floor: Option<f64>,
     /// Mean FLIP error against the many-sampled picture, where it was asked for.
     flip: Option<f64>,
 }
@@ -172,21 +175,22 @@ impl Setup {
 
 impl Step {
     fn new(agents: u64, entries: Vec<Entry>) -> Self {
-        let ms = |name: &str| {
-            let entry = entries.iter().find(|e| e.report.method == name)?;
-            Some(entry.report.frame_ms.median).filter(|&ms| ms > 0.0)
-        };
-        let (limit, floor) = (ms(Contender::Limit.name()), ms(Contender::Floor.name()));
-        let rows = entries.into_iter().map(|entry| {
-            let ms = entry.report.frame_ms.median;
-            let multiple = |of: Option<f64>| of.filter(|_| ms > 0.0).map(|of| ms / of);
-            Row {
-                us_per_agent: ms * 1e3 / agents.max(1) as f64,
-                to_limit: multiple(limit),
-                to_floor: multiple(floor),
-                flip: None,
-                entry,
-            }
+        let wall = |e: &Entry| Some(e.report.frame_ms.median).filter(|&ms| ms > 0.0);
+        let cpu = |e: &Entry| Some(e.report.cpu_ms?.median).filter(|&ms| ms > 0.0);
+        let named = |name: &str| entries.iter().find(|e| e.report.method == name);
+        let [limit, floor] = [Contender::Limit, Contender::Floor].map(|c| {
+            let entry = named(c.name());
+            [entry.and_then(wall), entry.and_then(cpu)]
+        });
+        let ratio = |a: Option<f64>, b: Option<f64>| Some(a? / b?);
+        let rows = entries.into_iter().map(|entry| Row {
+            us_per_agent: entry.report.frame_ms.median * 1e3 / agents.max(1) as f64,
+            to_limit: ratio(wall(&entry), limit[0]),
+            to_floor: ratio(wall(&entry), floor[0]),
+            cpu_to_limit: ratio(cpu(&entry), limit[1]),
+            cpu_to_floor: ratio(cpu(&entry), floor[1]),
+            flip: None,
+            entry,
         });
         Self {
             agents,
@@ -274,6 +278,8 @@ impl std::fmt::Display for Results {
             "us/agent",
             "x limit",
             "x floor",
+            "CPU x limit",
+            "CPU x floor",
             "FLIP",
         ]);
         let optional =
@@ -298,6 +304,8 @@ impl std::fmt::Display for Results {
                 format!("{:.2}", row.us_per_agent),
                 optional(row.to_limit, 2),
                 optional(row.to_floor, 2),
+                optional(row.cpu_to_limit, 2),
+                optional(row.cpu_to_floor, 2),
                 optional(row.flip, 5),
             ]);
         }
