@@ -48,6 +48,8 @@
 #define LISTED_AGENTS 4
 // The occluders' depth has a texel per this many pixels each way.
 #define OCCLUDER_TEXEL_PX 2
+// Metres by which the eye may be above occluders, per metre of distance.
+#define OCCLUDER_SLOPE_MAX 0.05
 // Occluders only hide what is further behind them than this share of its distance.
 #define OCCLUDER_MARGIN 0.005
 // The last level of the pyramid over that depth; level 0 is the depth itself.

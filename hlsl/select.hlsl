@@ -289,6 +289,7 @@ void CSGather(uint3 thread : SV_DispatchThreadID)
 {
     float4 planes[6] = frame.planes;
     float occluder_angle = frame.occluder_angle;
+    float eye_height = frame.eye.y;
     bool inside = thread.x < frame.agent_count;
     uint index = min(thread.x, frame.agent_count - 1u);
     AgentState agent = LoadAgent(index);
@@ -297,7 +298,10 @@ void CSGather(uint3 thread : SV_DispatchThreadID)
     Bounds bounds = FindBounds(agent, character, clip0, clip0, planes);
     float height = 2.0 * agent.scale * clip0.box_half_extent.y;
     bool large = height >= occluder_angle * bounds.distance;
-    bool wanted = inside && bounds.inside && large;
+    // Over whom one looks down steeply, only much smaller ones could be hidden.
+    float top = agent.position.y + agent.scale * (clip0.box_center.y + clip0.box_half_extent.y);
+    bool level = eye_height - top <= OCCLUDER_SLOPE_MAX * bounds.distance;
+    bool wanted = inside && bounds.inside && large && level;
     List(wanted, index);
     uint count = WaveActiveCountBits(wanted);
     if (WaveIsFirstLane() && count > 0u)
@@ -336,7 +340,7 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
     }
     if (entry < end)
     {
-        selected[entry] = BIN_NONE;
+        selected[entry].x = BIN_NONE;
     }
 }
 
@@ -413,7 +417,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         }
         if (entry < end)
         {
-            selected[entry] = BIN_NONE;
+            selected[entry].x = BIN_NONE;
         }
     }
 

@@ -62,6 +62,8 @@ pub const LISTED_COUNT: usize = 3;
 pub const LISTED_AGENTS: usize = 4;
 /// Pixels per texel of the occluders' depth, each way.
 pub const OCCLUDER_TEXEL_PX: u32 = 2;
+/// Metres by which the eye may be above occluders, per metre of distance.
+pub const OCCLUDER_SLOPE_MAX: f32 = 0.05;
 /// Occluders only hide what is further behind them than this share of its distance.
 pub const OCCLUDER_MARGIN: f32 = 0.005;
 /// Last level of the pyramid over it; level 0 is the depth itself.

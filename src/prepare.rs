@@ -35,6 +35,8 @@ pub struct Tables {
     pub bands: Vec<BandInfo>,
     /// Levels of detail of all submeshes.
     pub levels: Vec<LevelInfo>,
+    /// Height of each character's bounds above its origin, bind-space units, whatever it does.
+    pub tops: Vec<f32>,
     /// What draws each character.
     pub representations: Vec<Representations>,
     /// Impostors of all characters.
@@ -50,6 +52,7 @@ impl Default for Tables {
             submeshes: Vec::new(),
             bands: vec![impostor::ONE_QUAD],
             levels: Vec::new(),
+            tops: Vec::new(),
             representations: Vec::new(),
             gallery: Gallery::default(),
         }
@@ -100,6 +103,8 @@ impl Tables {
             padding2: 0,
         });
         self.clip_counts.push(baked.clips.len() as u32);
+        self.tops
+            .push(baked.clips.iter().fold(0.0, |top, c| c.box_max.y.max(top)));
         for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {
             let poses = baked.impostors.as_ref().and_then(|x| x.clip_poses.get(i));
             let poses = poses.copied().unwrap_or(PoseRange {

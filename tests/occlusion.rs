@@ -176,3 +176,31 @@ fn the_pyramid_is_its_twins() {
     }
     assert_silent(&headless);
 }
+
+/// From well above all heads nobody is hidden, and nothing is spent on finding that out.
+#[test]
+fn from_above_nobody_is_looked_for() {
+    let mut headless = common::headless(SIZE);
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    let mut agents = crowd(500, &[id]);
+    let roof = View::perspective(
+        Vec3::new(0.0, 9.0, 0.0),
+        Vec3::new(0.0, 0.0, -12.0),
+        0.8,
+        0.1,
+        SIZE,
+    );
+    let (report, _) = draw(&mut headless, &agents, &roof, &options(Method::Lod));
+    assert_eq!((report.occluded, report.occluders), (0, 0));
+    let lod = without_occlusion(Method::Lod);
+    let (without, _) = draw(&mut headless, &agents, &roof, &lod);
+    assert_eq!(report.draw_calls, without.draw_calls);
+    // A giant among them brings heads to the eye; those at its feet do not become occluders.
+    agents.push(Agent {
+        scale: 6.0,
+        ..at(0.0, -30.0, id)
+    });
+    let (report, _) = draw(&mut headless, &agents, &roof, &options(Method::Lod));
+    assert_eq!(report.occluders, 1);
+    assert_silent(&headless);
+}

@@ -71,6 +71,9 @@ impl Default for RendererDesc<'_> {
     }
 }
 
+/// Heights of the tallest agent by which the eye may be above all heads, for hidden agents to be looked for.
+const EYE_ABOVE_HEADS: f32 = 0.5;
+
 /// Draws crowds. Never submits, presents or waits; records into command buffers of the host's single queue.
 ///
 /// Per frame: `begin_frame`, `record_uploads`, `set_agents`, `record_select`, then `record_draw` inside rendering, and after
@@ -336,10 +339,14 @@ impl Renderer {
         slot.agent_counts.clear();
         slot.agent_counts.resize(self.residents.len(), 0);
         slot.agents.clear();
+        (slot.highest, slot.tallest) = (f32::MIN, 0.0);
         slot.agents.reserve(agents.len());
         for (index, agent) in agents.iter().enumerate() {
             let state = agent_state(&self.tables, index, agent)?;
             slot.agent_counts[state.character as usize] += 1;
+            let top = state.scale * self.tables.tops[state.character as usize];
+            slot.highest = slot.highest.max(state.position[1] + top);
+            slot.tallest = slot.tallest.max(top);
             slot.agents.push(state);
         }
         let entries: u64 = slot
@@ -390,7 +397,9 @@ impl Renderer {
                 reason: "begin_frame and set_agents come first",
             });
         }
-        let occlusion = options.looks_for_hidden() && !slot.agents.is_empty();
+        // Seen from well above all heads, agents hide but the ground behind them.
+        let among_heads = view.eye().y <= slot.highest + EYE_ABOVE_HEADS * slot.tallest;
+        let occlusion = options.looks_for_hidden() && among_heads && !slot.agents.is_empty();
         if occlusion {
             if !self.uploads.is_empty() {
                 return Err(RenderError::Order {
