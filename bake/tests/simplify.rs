@@ -286,6 +286,98 @@ fn coarse_levels_show_body_parts_by_their_area() {
     assert_eq!(both, [true; 2]);
 }
 
+/// Colour, 0 to 1, of the surface of `triangles` in gamma space, mean by area, and the share of them that has a texture.
+fn mean_color(mesh: &Mesh, triangles: &[[u32; 3]], images: &[&Image]) -> (Vec3, f32) {
+    let (mut sum, mut total, mut textured) = (Vec3::ZERO, 0.0, 0);
+    for t in triangles {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        let area = (b - a).cross(c - a).length();
+        let of = |v: u32| Vec3::from([0, 1, 2].map(|i| mesh.colors[v as usize][i] as f32 / 255.0));
+        let mut color = (of(t[0]) + of(t[1]) + of(t[2])) / 3.0;
+        let layers = t.map(|v| mesh.layers[v as usize]);
+        assert!(
+            layers.iter().all(|&l| l == layers[0]),
+            "a triangle shows one texture, or none: {layers:?}"
+        );
+        if let Some(image) = images.get(layers[0] as usize) {
+            textured += 1;
+            let uv = (t.map(|v| mesh.uvs[v as usize]).iter().sum::<Vec2>() / 3.0).fract_gl();
+            let x = (uv.x * image.width as f32) as usize;
+            let y = (uv.y * image.height as f32) as usize;
+            let texel = image.pixels[(y * image.width as usize + x).min(image.pixels.len() - 1)];
+            color *= Vec3::from([0, 1, 2].map(|i| texel[i] as f32 / 255.0));
+        }
+        sum += color * area;
+        total += area;
+    }
+    (sum / total, textured as f32 / triangles.len() as f32)
+}
+
+#[test]
+fn coarse_levels_have_colours_in_place_of_textures() {
+    // A tube whose texture is red on one side of its seam and blue on the other: what lies between is neither.
+    let mut image = Image {
+        name: String::new(),
+        width: 4,
+        height: 1,
+        pixels: vec![[255, 0, 0, 255]; 4],
+    };
+    image.pixels[2..].fill([0, 0, 255, 255]);
+    let parts = vec![tube(24, 24, Vec3::ZERO, 0.4, 0)];
+    let mut c = character(parts, vec![Material::default()], 2);
+    c.materials[0].base_color_image = Some(0);
+    c.images.push(image);
+    let mut mesh = merge(&c).expect("merge");
+    let images: Vec<&Image> = c.images.iter().collect();
+    let s = simplify(&mut mesh, &bent(2), &images);
+    check(&mesh, &s);
+    coarse_levels_are_colored("tube", &mesh, &s, &images);
+}
+
+/// Every level has one texture or none in each triangle; those of at most 120 triangles have none, and 40 triangles show
+/// what the full mesh shows.
+fn coarse_levels_are_colored(name: &str, mesh: &Mesh, s: &CollapseSequence, images: &[&Image]) {
+    let (full, _) = mean_color(mesh, &mesh.triangles, images);
+    // Steps of one error are one level.
+    let level = |mut k: usize| {
+        while k > 0 && k < s.steps.len() && s.steps[k].error_m == s.steps[k - 1].error_m {
+            k += 1;
+        }
+        triangles_at(mesh, s, k)
+    };
+    for i in 0..20 {
+        mean_color(mesh, &level(s.steps.len() * i / 20), images);
+    }
+    for count in [120, 80, 40] {
+        let k: Vec<usize> = (0..=s.steps.len()).collect();
+        let k = k.partition_point(|&k| triangles_at(mesh, s, k).len() > count);
+        let (color, textured) = mean_color(mesh, &level(k), images);
+        println!("{name}, {count} triangles: {color} for {full}");
+        assert_eq!(textured, 0.0, "{name}, {count} triangles");
+        assert!(
+            (color - full).abs().max_element() < 0.1,
+            "{name}, {count} triangles: {color} for {full}"
+        );
+    }
+}
+
+#[test]
+fn coarse_levels_of_textured_characters_span_no_seams() {
+    for name in ["glb/khronos_fox.glb", "glb/horse_textured.glb"] {
+        let Some(path) = model(name) else { continue };
+        let c = throng_bake::import::import(&path).expect("import");
+        let mut mesh = merge(&c).expect("merge");
+        let images: Vec<&Image> = used_images(&c)
+            .into_iter()
+            .map(|i| &c.images[i as usize])
+            .collect();
+        let poses = PoseSet::choose(&c, &mesh, 4);
+        let s = simplify(&mut mesh, &poses, &images);
+        check(&mesh, &s);
+        coarse_levels_are_colored(name, &mesh, &s, &images);
+    }
+}
+
 #[test]
 fn pieces_vanish_smallest_first() {
     let parts = vec![

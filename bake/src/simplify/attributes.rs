@@ -14,10 +14,11 @@ pub(super) struct WedgeMove {
     pub to: Option<u32>,
 }
 
-/// The moves of all wedges of `point` if it moves onto `target`; false where a submesh would be torn from its neighbour.
+/// The moves of all wedges of `point` if it moves onto `target`; false where a submesh would be torn from its neighbour, or a
+/// face would have corners in two textures.
 ///
-/// A wedge goes to the target's wedge in the faces that have both; where there is none, to the one of its submesh that
-/// looks most like it.
+/// A wedge goes to the target's wedge in the faces that have both; where there is none, to the one of its submesh and
+/// texture that looks most like it.
 pub(super) fn wedge_moves(
     surface: &Surface,
     looks: &Looks,
@@ -48,10 +49,9 @@ pub(super) fn wedge_moves(
         let to = match through {
             [to, None] if to.is_some() || !stays => to,
             [a, b] => {
-                let submesh = surface.mesh.submesh[from as usize];
                 let choices = surface.wedges_of[target as usize].iter().copied();
                 let best = choices
-                    .filter(|&to| surface.mesh.submesh[to as usize] == submesh)
+                    .filter(|&to| joins(surface, from, to))
                     .filter(|&to| a.is_none() || a == Some(to) || b == Some(to))
                     .map(|to| (difference(surface, looks, from, to), to))
                     .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -66,10 +66,25 @@ pub(super) fn wedge_moves(
     true
 }
 
+/// Whether corners of `from` may go to `to`: both are of one submesh and texture.
+pub(super) fn joins(surface: &Surface, from: u32, to: u32) -> bool {
+    let (m, from, to) = (&surface.mesh, from as usize, to as usize);
+    m.submesh[from] == m.submesh[to] && m.layers[from] == m.layers[to]
+}
+
 /// How unlike two wedges are.
 pub(super) fn difference(surface: &Surface, looks: &Looks, a: u32, b: u32) -> f32 {
     let uvs = &surface.mesh.uvs;
     let jump = uvs[a as usize].distance_squared(uvs[b as usize]).min(1.0);
     let of = |w| looks.of(&surface.mesh, w);
     of(a).contrast_squared(&of(b)) + JUMP_CONTRAST_SQUARED * jump
+}
+
+/// Where `moves` take a corner with `wedge`.
+pub(super) fn moved(moves: &[WedgeMove], wedge: u32) -> u32 {
+    moves
+        .iter()
+        .find(|m| m.from == wedge)
+        .and_then(|m| m.to)
+        .unwrap_or(wedge)
 }

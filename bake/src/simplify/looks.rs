@@ -12,15 +12,12 @@ const TEXELS: usize = 128;
 const NORMAL_CONTRAST: f32 = 0.1;
 /// Contrast of one body part against another of the same colour: an agent's tint may dye them apart.
 const PART_CONTRAST: f32 = 0.2;
-/// Contrast of a surface that shows another texture than it should.
-const LAYER_CONTRAST: f32 = 0.3;
 
 /// Colour in gamma space and coverage, 0 to 1, and the unit normal in bind space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Look {
     pub color: Vec4,
     pub normal: Vec3,
-    layer: u8,
     /// Body parts that it is interpolated from, with their shares.
     parts: [(u8, f32); 3],
 }
@@ -32,13 +29,8 @@ impl Look {
         let color = d.truncate().length_squared() * (1.0 / 3.0) + d.w * d.w;
         let nc = NORMAL_CONTRAST;
         let normal = nc * nc * self.normal.distance_squared(other.normal);
-        let layer = if self.layer == other.layer {
-            0.0
-        } else {
-            LAYER_CONTRAST * LAYER_CONTRAST
-        };
         let part = PART_CONTRAST * PART_CONTRAST * self.parts_apart(other);
-        color + normal + layer + part
+        color + normal + part
     }
 
     /// Half the squared distance of both looks' shares of body parts: 0 for the same, 1 for different ones.
@@ -81,9 +73,9 @@ impl Looks {
             normal += m.normals[w] * share;
             uv += m.uvs[w] * share;
         }
+        // All corners of a face have one layer.
         let first = wedges[0] as usize;
-        let layer = m.layers[first];
-        if let Some(texels) = self.layers.get(layer as usize) {
+        if let Some(texels) = self.layers.get(m.layers[first] as usize) {
             color *= texels[texel(uv)];
         }
         if m.submeshes[m.submesh[first] as usize]
@@ -92,12 +84,10 @@ impl Looks {
         {
             color.w = 1.0;
         }
-        let mixed = wedges.iter().any(|&w| m.layers[w as usize] != layer);
         Look {
             parts: [0, 1, 2].map(|i| (m.body_parts[wedges[i] as usize], barycentric[i])),
             color,
             normal: normal.normalize_or_zero(),
-            layer: if mixed { Mesh::UNTEXTURED - 1 } else { layer },
         }
     }
 

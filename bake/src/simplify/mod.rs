@@ -4,18 +4,21 @@
 //! with all its wedges onto another, so that submeshes never crack against each other; a wedge may also move onto its
 //! twin at the same point, which gives up a seam; and points of different pieces may contract across small gaps, so that
 //! every character has levels down to a few triangles. Among few points, the one that stays is then fitted to what it
-//! stands for.
+//! stands for, vertices have colours in place of textures, and pictures of the character say what to collapse.
 
 mod attributes;
+mod coarse;
 mod extract;
 mod lanes;
 mod links;
 mod looks;
+mod pictures;
 mod poses;
 mod quadric;
 mod refit;
 mod samples;
 mod surface;
+mod textures;
 mod visibility;
 
 use std::cmp::Ordering;
@@ -25,8 +28,10 @@ use crate::character::Image;
 use crate::mesh::{Collapse, CollapseSequence, Mesh};
 
 use attributes::WedgeMove;
+use coarse::Coarse;
 use lanes::{LANES, Lanes, Vec3Lanes, read};
 use looks::Looks;
+use pictures::Pictures;
 use quadric::Quadrics;
 use samples::Samples;
 use surface::Surface;
@@ -74,6 +79,13 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
         collapses: vec![None; point_count],
         cursor: vec![0; mesh.submeshes.len()],
         living_points: point_count,
+        textures_tried: usize::MAX,
+        coarse: Coarse {
+            pictures: Pictures::new(&surface, samples.looks()),
+            faces: Vec::new(),
+            swept: None,
+            error_factor: 0.0,
+        },
         surface,
         quadrics,
         samples,
@@ -168,6 +180,10 @@ struct Simplifier<'a> {
     cursor: Vec<usize>,
     /// Points that have not collapsed.
     living_points: usize,
+    /// Living points when vertex colours were last tried in place of textures; 0 where there is no texture, or no more.
+    textures_tried: usize,
+    /// What pictures need, which choose at the end.
+    coarse: Coarse,
     /// Greatest error so far.
     error: f32,
     moves: Vec<WedgeMove>,
@@ -180,6 +196,11 @@ impl<'a> Simplifier<'a> {
     fn propose(&mut self, point: u32) {
         self.dirty[point as usize] = false;
         self.weighed[point as usize] = self.samples.look_weight();
+        if self.pictured() {
+            self.collapses[point as usize] = self.best_in_pictures(point);
+            self.enqueue(point);
+            return;
+        }
         let mut targets = std::mem::take(&mut self.targets);
         self.surface.neighbors(point, &mut targets);
         let mut choices = std::mem::take(&mut self.choices);
@@ -311,7 +332,7 @@ impl<'a> Simplifier<'a> {
                 .iter()
                 .copied()
                 .filter(|&to| to != from)
-                .filter(|&to| s.mesh.submesh[to as usize] == s.mesh.submesh[from as usize])
+                .filter(|&to| attributes::joins(s, from, to))
                 .map(|to| {
                     (
                         attributes::difference(s, self.samples.looks(), from, to),
@@ -321,6 +342,7 @@ impl<'a> Simplifier<'a> {
                 .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             if let Some((_, to)) = twin {
                 let cost = self.samples.try_twin(s, point, from, to);
+                let cost = self.twin_cost(cost);
                 if best.is_none_or(|b| cost < b.0) {
                     best = Some((cost, Action::Twin { from, to }));
                 }
@@ -355,7 +377,11 @@ impl<'a> Simplifier<'a> {
     /// number of points can then be asked for.
     fn raise_error(&mut self) {
         // The diagonal is 1 here.
-        let error = ERROR_FACTOR * self.samples.deviation().sqrt();
+        let error = if self.pictured() {
+            self.coarse.error_factor * self.wrong().sqrt()
+        } else {
+            ERROR_FACTOR * self.samples.deviation().sqrt()
+        };
         let error = (error * self.surface.unit as f64) as f32;
         self.error = if error > self.error || self.error == 0.0 {
             error.max(self.error)
@@ -416,6 +442,7 @@ impl<'a> Simplifier<'a> {
         self.quadrics.add(target, point);
         self.living_points -= 1;
         let refitted = self.refit(target);
+        let swept = self.sweep(target);
         self.raise_error();
         for m in &mut moves {
             let new = refitted.iter().find(|r| Some(r.0) == m.to);
@@ -424,7 +451,7 @@ impl<'a> Simplifier<'a> {
                 self.step(m.from, to);
             }
         }
-        for (old, new) in refitted {
+        for (old, new) in refitted.into_iter().chain(swept) {
             self.step(old, new);
         }
         self.moves = moves;
@@ -442,6 +469,8 @@ impl<'a> Simplifier<'a> {
         for p in touched {
             self.dirty[p as usize] = true;
         }
+        self.leave_textures();
+        self.turn_to_pictures();
         self.propose(target);
     }
 
@@ -484,8 +513,11 @@ impl<'a> Simplifier<'a> {
         }
         let s = &mut self.surface;
         if s.faces_of[point as usize].is_empty() {
+            self.living_points -= 1;
             for link in std::mem::take(&mut s.links[point as usize]) {
                 s.links[link as usize].retain(|&p| p != point);
+                // It may have meant to collapse onto this one.
+                self.dirty[link as usize] = true;
             }
             self.stamps[point as usize] += 1;
         }

@@ -6,7 +6,11 @@
 
 use glam::Vec3;
 
+use crate::mesh::Mesh;
+
 use super::Simplifier;
+use super::coarse::MOVES;
+use super::samples::WedgeFit;
 use super::surface::{Surface, cross, dot, length, sub};
 
 /// Share of the points from which on collapses refit: above it there are many points, each of little effect.
@@ -30,7 +34,13 @@ impl Simplifier<'_> {
         if !self.refits() || self.surface.faces_of[point as usize].is_empty() {
             return Vec::new();
         }
+        if self.placed_by_pictures() {
+            return self.refit_by_pictures(point, &MOVES);
+        }
         let offset = self.refit_place(point);
+        if self.pictured() {
+            self.coarse.pictures.place(&self.surface, point);
+        }
         let wedges = self.surface.wedges_of[point as usize].clone();
         self.refit_wedges(point, &wedges, offset)
     }
@@ -43,7 +53,7 @@ impl Simplifier<'_> {
         self.refit_wedges(point, &[wedge], Vec3::ZERO)
     }
 
-    fn refits(&self) -> bool {
+    pub(super) fn refits(&self) -> bool {
         self.living_points as f64 <= REFIT_SHARE * self.surface.faces_of.len() as f64
     }
 
@@ -86,10 +96,33 @@ impl Simplifier<'_> {
     }
 
     /// New vertices in the place of those of `wedges` that have faces, `offset` away from them in bind space.
-    fn refit_wedges(&mut self, point: u32, wedges: &[u32], offset: Vec3) -> Vec<(u32, u32)> {
+    pub(super) fn refit_wedges(
+        &mut self,
+        point: u32,
+        wedges: &[u32],
+        offset: Vec3,
+    ) -> Vec<(u32, u32)> {
         let s = &mut self.surface;
-        let fits: Vec<_> = (wedges.iter())
-            .filter_map(|&w| Some((w, self.samples.better_look(s, point, w)?)))
+        let faces = &s.faces_of[point as usize];
+        let used = |w: u32| {
+            let mut faces = faces.iter();
+            faces.any(|&f| s.faces[f as usize].wedges.contains(&w))
+        };
+        let fits: Vec<_> = (wedges.iter().filter(|&&w| used(w)))
+            .map(|&w| {
+                let (m, i) = (&s.mesh, w as usize);
+                let fit = self.samples.better_look(s, point, w);
+                let mut fit = fit.unwrap_or(WedgeFit {
+                    color: m.colors[i],
+                    normal: m.normals[i],
+                    body_part: m.body_parts[i],
+                });
+                if m.layers[i] != Mesh::UNTEXTURED {
+                    // A texture says itself what colours there are.
+                    fit.color = m.colors[i];
+                }
+                (w, fit)
+            })
             .collect();
         let changes = fits.iter().any(|(w, fit)| {
             let w = *w as usize;
@@ -114,6 +147,7 @@ impl Simplifier<'_> {
             s.replace_wedge(point, old, new);
         }
         self.samples.look_again(s, point);
+        self.learn();
         renewed
     }
 }

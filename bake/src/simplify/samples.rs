@@ -7,7 +7,9 @@
 
 mod refit;
 
-use super::attributes::WedgeMove;
+pub(super) use refit::WedgeFit;
+
+use super::attributes::{WedgeMove, moved};
 use super::lanes::{LANES, TriangleLanes, Vec3Lanes, read};
 use super::looks::{Look, Looks};
 use super::surface::{Surface, cross, dot, length, sub};
@@ -390,14 +392,6 @@ impl Samples {
             self.total[1] += (self.weights[sample][1] * change) as f64;
         }
     }
-}
-
-fn moved(moves: &[WedgeMove], wedge: u32) -> u32 {
-    moves
-        .iter()
-        .find(|m| m.from == wedge)
-        .and_then(|m| m.to)
-        .unwrap_or(wedge)
 }
 
 /// Barycentric coordinates of the point of a triangle that is nearest to `p` (Ericson 2005, §5.1.5).

@@ -182,18 +182,21 @@ impl<'a> Surface<'a> {
 
     /// How far a vertex with the skinning of `point` moves in each pose for a step of one in bind space.
     pub fn steps_of(&self, point: u32) -> Vec<Mat3> {
-        let w = self.wedges_of[point as usize][0] as usize;
-        let m = &self.mesh;
+        let wedge = self.wedges_of[point as usize][0];
         (0..self.pose_count)
-            .map(|k| {
-                let palette = &self.poses[k.min(self.poses.len() - 1)].palette;
-                let of = |i: usize| {
-                    let joint = &palette[m.joints[w][i] as usize];
-                    Mat3::from(joint.matrix3) * (m.weights[w][i] * self.scale)
-                };
-                of(0) + of(1) + of(2) + of(3)
-            })
+            .map(|k| self.step_of(wedge, k))
             .collect()
+    }
+
+    /// The same in pose `k` for the point of `wedge`.
+    pub fn step_of(&self, wedge: u32, k: usize) -> Mat3 {
+        let (m, w) = (&self.mesh, wedge as usize);
+        let palette = &self.poses[k.min(self.poses.len() - 1)].palette;
+        let of = |i: usize| {
+            let joint = &palette[m.joints[w][i] as usize];
+            Mat3::from(joint.matrix3) * (m.weights[w][i] * self.scale)
+        };
+        of(0) + of(1) + of(2) + of(3)
     }
 
     /// Puts `point` `offset` away, in bind space, from `start` (`[3][pose_count]`); `steps` as [`Surface::steps_of`] has
@@ -228,6 +231,21 @@ impl<'a> Surface<'a> {
         m.submesh.push(m.submesh[i]);
         self.point_of_wedge.push(self.point_of_wedge[i]);
         self.point_of_wedge.len() as u32 - 1
+    }
+
+    /// Takes the vertices from `count` on away again; no face may use them.
+    pub fn drop_wedges(&mut self, count: usize) {
+        let m = &mut self.mesh;
+        m.positions.truncate(count);
+        m.normals.truncate(count);
+        m.uvs.truncate(count);
+        m.colors.truncate(count);
+        m.layers.truncate(count);
+        m.body_parts.truncate(count);
+        m.joints.truncate(count);
+        m.weights.truncate(count);
+        m.submesh.truncate(count);
+        self.point_of_wedge.truncate(count);
     }
 
     /// Lets `new` take the place of wedge `old` of `point`.

@@ -3,8 +3,6 @@
 
 use glam::{Mat3, Vec3, Vec4};
 
-use crate::mesh::Mesh;
-
 use super::super::surface::{Surface, cross, length, sub};
 use super::{Nearest, OVERHANG_WEIGHT, Samples, TrialFace, nearest_barycentric};
 
@@ -14,7 +12,7 @@ const DAMPING: f32 = 0.02;
 /// What a wedge should look like.
 #[derive(Debug, Clone, Copy)]
 pub struct WedgeFit {
-    /// Gamma space.
+    /// What it shows, texture and all; gamma space.
     pub color: [u8; 4],
     pub normal: Vec3,
     /// The one that most of it shows.
@@ -147,17 +145,16 @@ impl Samples {
             .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
         let &(body_part, sum, color) = most.filter(|_| square > 0.0)?;
         let w = wedge as usize;
-        // A texture says itself what colours there are.
-        let color = if mesh.layers[w] == Mesh::UNTEXTURED {
-            (color / sum * 255.0).round().to_array().map(|c| c as u8)
-        } else {
-            mesh.colors[w]
-        };
         Some(WedgeFit {
-            color,
+            color: (color / sum * 255.0).round().to_array().map(|c| c as u8),
             normal: (mesh.normals[w] + normal / square).normalize_or(mesh.normals[w]),
             body_part,
         })
+    }
+
+    /// Area times squared contrast of the surface as it is.
+    pub fn contrast_total(&self) -> f64 {
+        self.total[1]
     }
 
     /// Measures again what the samples around `point` look like.

@@ -1,0 +1,222 @@
+//! The coarse end of a sequence, where pictures of the character choose collapses, and at last also say where points stand.
+
+use glam::Vec3;
+
+use super::pictures::{Change, Pictures};
+use super::{Action, Simplifier, attributes};
+
+/// Points from which on pictures choose.
+pub(super) const PICTURE_POINTS: usize = 80;
+/// Share of the points after which all of them are fitted again.
+const SWEEP_SHARE: f64 = 0.8;
+/// Lengths by which points are moved to try, as shares of the character's size.
+pub(super) const MOVES: [f32; 3] = [0.04, 0.02, 0.01];
+/// Moves of one length that a point may make.
+const MOVES_EACH: usize = 2;
+/// Least gain that is worth a move: wrong area in the pictures, as a share of the character's size squared.
+const LEAST_GAIN: f64 = 2e-5;
+/// Points from which on pictures also say where the others stand. With more, distances say it better: pictures of this size
+/// and number would be fitted, not the character.
+const MOVE_POINTS: usize = 28;
+/// What pictures do not see (other poses and sides, light) adds to the error.
+const UNSEEN: f64 = 1.1;
+/// Range of [`Coarse::error_factor`] before that; real characters have 0.51 to 0.74.
+const ERROR_FACTORS: [f64; 2] = [0.4, 0.8];
+/// Wrong area in pictures that giving up a seam counts, for contrast times surface. Pictures show about a quarter of a
+/// surface; seams count four times as much, because they keep colours of head and clothes apart and cost no triangle.
+const TWIN_WEIGHT: f64 = 1.0;
+
+/// What pictures need between collapses.
+pub(super) struct Coarse {
+    pub pictures: Pictures,
+    /// Living faces, by index.
+    pub faces: Vec<u32>,
+    /// Living points at the last sweep; none before pictures choose.
+    pub swept: Option<usize>,
+    /// Error over the square root of the wrong area: errors go on where distances have left off. An outline of length L that
+    /// is off by d is a wrong area of L * d, so both measures mean the same.
+    pub error_factor: f64,
+}
+
+impl Simplifier<'_> {
+    /// Whether pictures choose.
+    pub(super) fn pictured(&self) -> bool {
+        self.coarse.swept.is_some()
+    }
+
+    /// Lets pictures choose from here on if there are few points.
+    pub(super) fn turn_to_pictures(&mut self) {
+        if self.pictured() || !self.refits() || self.living_points > PICTURE_POINTS {
+            return;
+        }
+        self.coarse.swept = Some(self.living_points);
+        self.forget_dead_faces();
+        self.learn();
+        self.coarse.pictures.place_all(&self.surface);
+        let coarse = &self.coarse;
+        let wrong = coarse.pictures.wrong(&self.surface, &coarse.faces);
+        let factor = (self.error / self.surface.unit) as f64 / wrong.sqrt().max(1e-6);
+        let [least, most] = ERROR_FACTORS;
+        self.coarse.error_factor = UNSEEN * factor.clamp(least, most);
+        self.heap.clear();
+        for point in 0..self.surface.faces_of.len() as u32 {
+            if !self.surface.faces_of[point as usize].is_empty() {
+                self.propose(point);
+            }
+        }
+    }
+
+    /// Whether pictures say where points stand.
+    pub(super) fn placed_by_pictures(&self) -> bool {
+        self.pictured() && self.living_points <= MOVE_POINTS
+    }
+
+    /// Lets the pictures know of new wedges.
+    pub(super) fn learn(&mut self) {
+        if self.pictured() {
+            let pictures = &mut self.coarse.pictures;
+            pictures.learn(&self.surface, self.samples.looks());
+        }
+    }
+
+    fn forget_dead_faces(&mut self) {
+        let faces = &self.surface.faces;
+        if self.coarse.faces.is_empty() {
+            self.coarse.faces = (0..faces.len() as u32).collect();
+        }
+        self.coarse.faces.retain(|&f| faces[f as usize].alive);
+    }
+
+    /// Area of what the level gets wrong in the pictures.
+    pub(super) fn wrong(&mut self) -> f64 {
+        self.forget_dead_faces();
+        let coarse = &self.coarse;
+        coarse.pictures.wrong(&self.surface, &coarse.faces)
+    }
+
+    /// The best collapse of `point`, by pictures.
+    pub(super) fn best_in_pictures(&mut self, point: u32) -> Option<(f64, Action)> {
+        let mut targets = std::mem::take(&mut self.targets);
+        self.surface.neighbors(point, &mut targets);
+        let (mut changes, mut choices) = (Vec::new(), Vec::new());
+        for &target in &targets {
+            let Some(choice) = self.estimate(point, target) else {
+                continue;
+            };
+            let (surface, looks) = (&self.surface, self.samples.looks());
+            let moves = &mut self.moves;
+            attributes::wedge_moves(surface, looks, point, target, moves);
+            let around = surface.faces_of[point as usize].iter();
+            let stay = around
+                .map(|&f| &surface.faces[f as usize])
+                .filter(|f| !f.has(target));
+            let faces = stay.map(|f| {
+                let points = f.points.map(|p| if p == point { target } else { p });
+                (points, f.wedges.map(|w| attributes::moved(moves, w)))
+            });
+            changes.push(Change {
+                faces: faces.collect(),
+                posed: Vec::new(),
+            });
+            choices.push((choice.estimate, target));
+        }
+        self.targets = targets;
+        self.forget_dead_faces();
+        let coarse = &self.coarse;
+        let wrong = coarse
+            .pictures
+            .compare(&self.surface, &coarse.faces, point, &changes);
+        let costs = choices.iter().zip(&wrong).map(|(c, wrong)| {
+            let target = c.1;
+            (c.0 + wrong, Action::Collapse { target })
+        });
+        costs.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Cost of a twin beside wrong areas in pictures.
+    pub(super) fn twin_cost(&self, cost: f64) -> f64 {
+        if self.pictured() {
+            cost * TWIN_WEIGHT / self.samples.look_weight()
+        } else {
+            cost
+        }
+    }
+
+    /// Moves `point` to where pictures get better; how far, in bind space.
+    pub(super) fn place_by_pictures(&mut self, point: u32, lengths: &[f32]) -> Vec3 {
+        self.forget_dead_faces();
+        let per_pose = self.surface.steps_of(point);
+        let start = self.surface.posed_of(point).to_vec();
+        let faces = self.surface.faces_of[point as usize].iter().map(|&f| {
+            let face = &self.surface.faces[f as usize];
+            (face.points, face.wedges)
+        });
+        let faces: Vec<_> = faces.collect();
+        let mut best = (-LEAST_GAIN, Vec3::ZERO);
+        let fitted = self.samples.better_place(&self.surface, point, &per_pose);
+        let mut tried: Vec<Vec3> = fitted.into_iter().collect();
+        for &length in lengths {
+            let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|a| a * length * self.surface.unit);
+            for _ in 0..MOVES_EACH {
+                tried.extend(axes.iter().flat_map(|&a| [best.1 + a, best.1 - a]));
+                let (mut changes, mut offsets) = (Vec::new(), Vec::new());
+                for offset in tried.drain(..) {
+                    let s = &mut self.surface;
+                    if s.place(point, &start, &per_pose, offset) {
+                        changes.push(Change {
+                            faces: faces.clone(),
+                            posed: s.posed_of(point).to_vec(),
+                        });
+                        offsets.push(offset);
+                    }
+                    s.place(point, &start, &per_pose, Vec3::ZERO);
+                }
+                let coarse = &self.coarse;
+                let wrong =
+                    (coarse.pictures).compare(&self.surface, &coarse.faces, point, &changes);
+                let costs = wrong.into_iter().zip(offsets);
+                match costs.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    Some(better) if better.0 < best.0 - LEAST_GAIN => best = better,
+                    _ => break,
+                }
+            }
+        }
+        let s = &mut self.surface;
+        s.place(point, &start, &per_pose, best.1);
+        if best.1 != Vec3::ZERO {
+            self.samples.try_place(s, point);
+            self.samples.commit_collapse(s, point);
+            self.coarse.pictures.place(s, point);
+        }
+        best.1
+    }
+
+    /// Fits all points but `busy` again where there are fewer by a share than the last time. Each wedge that is replaced, with
+    /// the one that takes its place.
+    pub(super) fn sweep(&mut self, busy: u32) -> Vec<(u32, u32)> {
+        let due = |swept: usize| self.living_points as f64 <= SWEEP_SHARE * swept as f64;
+        if !self.placed_by_pictures() || !self.coarse.swept.is_some_and(due) {
+            return Vec::new();
+        }
+        self.coarse.swept = Some(self.living_points);
+        let mut renewed = Vec::new();
+        for point in 0..self.surface.faces_of.len() as u32 {
+            if point != busy && !self.surface.faces_of[point as usize].is_empty() {
+                renewed.extend(self.refit_by_pictures(point, &MOVES[1..]));
+            }
+        }
+        self.dirty.fill(true);
+        renewed
+    }
+
+    /// Fits a point as pictures have it. Each wedge that is replaced, with the one that takes its place.
+    pub(super) fn refit_by_pictures(&mut self, point: u32, lengths: &[f32]) -> Vec<(u32, u32)> {
+        let offset = self.place_by_pictures(point, lengths);
+        let s = &mut self.surface;
+        for f in s.faces_of[point as usize].clone() {
+            s.areas[f as usize] = s.face_area(s.faces[f as usize].points);
+        }
+        let wedges = s.wedges_of[point as usize].clone();
+        self.refit_wedges(point, &wedges, offset)
+    }
+}
