@@ -88,6 +88,8 @@ struct Report {
     output: String,
     bake_ms: f64,
     stage_ms: Vec<Stage>,
+    /// What the memory limit has made coarser than wanted.
+    impostor_limits: Vec<String>,
     #[serde(flatten)]
     contents: Contents,
 }
@@ -110,10 +112,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let character = source::character(input, &progress)?;
         let (mut baked, mut times) =
             source::bake_character(input, &character, &options, &progress)?;
+        let mut impostor_limits = Vec::new();
         if let Some(plan) = &plan {
-            let [capture_ms, calibrate_ms] = plan.add_to(&mut baked, input, &progress)?;
-            times.stage_ms.push(("capture", capture_ms));
-            times.stage_ms.push(("calibrate", calibrate_ms));
+            let added = plan.add_to(&mut baked, input, &progress)?;
+            times.stage_ms.push(("capture", added.capture_ms));
+            times.stage_ms.push(("calibrate", added.calibrate_ms));
+            impostor_limits = added.limits;
         }
         create_folder(output.parent())?;
         file::write(output, &baked)?;
@@ -134,6 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             output: output.display().to_string(),
             bake_ms,
             stage_ms: stage_ms.map(|&(stage, ms)| Stage { stage, ms }).collect(),
+            impostor_limits,
             contents,
         });
     }

@@ -103,6 +103,17 @@ pub struct Plan {
     device: Option<String>,
 }
 
+/// What became of a plan.
+#[derive(Debug, Clone, Default)]
+pub struct Added {
+    /// Milliseconds of the capture.
+    pub capture_ms: f64,
+    /// Milliseconds of measuring error curves.
+    pub calibrate_ms: f64,
+    /// What the memory limit has made coarser, one sentence each.
+    pub limits: Vec<String>,
+}
+
 impl Plan {
     /// The defaults on a device.
     pub fn on(device: Option<&str>) -> Self {
@@ -112,9 +123,10 @@ impl Plan {
         }
     }
 
-    /// Captures a character's impostors and measures their error curves; returns the milliseconds of both. Where there is
-    /// no Vulkan the character stays as it is, and a warning says so. Errors and warnings name `source`.
-    pub fn add_to(&self, baked: &mut Baked, source: &str, progress: &Progress) -> Result<[f64; 2]> {
+    /// Captures a character's impostors and measures their error curves. Where there is no Vulkan the character stays as it
+    /// is, and a warning says so. Errors and warnings name `source`. That the memory limit sets the texels is no warning
+    /// unless somebody asked for something else than the defaults, which want the most that fits.
+    pub fn add_to(&self, baked: &mut Baked, source: &str, progress: &Progress) -> Result<Added> {
         let error = |e: &dyn std::fmt::Display| anyhow!("{source}: {e}");
         let groups = self.groups_of(baked, source, progress)?;
         let desc = HeadlessDesc {
@@ -126,7 +138,7 @@ impl Plan {
             Ok(headless) => headless,
             Err(e @ (RenderError::NoVulkan { .. } | RenderError::MissingFeature { .. })) => {
                 progress.warn(&format!("{source}: left out its impostors: {e}"));
-                return Ok([0.0; 2]);
+                return Ok(Added::default());
             }
             Err(e) => return Err(error(&e)),
         };
@@ -146,8 +158,14 @@ impl Plan {
         };
         let built = built.map_err(|e| error(&e))?;
         bar.finish_and_clear();
-        for warning in &built.warnings {
-            progress.warn(&format!("{source}: {warning}"));
+        let defaults = ImpostorOptions {
+            kinds: self.options.kinds.clone(),
+            ..ImpostorOptions::default()
+        };
+        if self.options != defaults {
+            for warning in &built.warnings {
+                progress.warn(&format!("{source}: {warning}"));
+            }
         }
         baked.impostors = Some(built.impostors);
         let capture_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -164,7 +182,11 @@ impl Plan {
                 kind.errors = curve;
             }
         }
-        Ok([capture_ms, start.elapsed().as_secs_f64() * 1e3])
+        Ok(Added {
+            capture_ms,
+            calibrate_ms: start.elapsed().as_secs_f64() * 1e3,
+            limits: built.warnings,
+        })
     }
 
     /// What the pictures of a source follow from, besides the character itself: the options, the device that was asked for,
