@@ -84,7 +84,7 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
 #else
     transformed[row + 1u] = i.color;
 #ifdef TEXTURED
-    transformed[row + 2u] = float4(i.uv_layer, 0.0);
+    transformed[row + 2u] = i.uv_layer;
 #endif
 #ifdef DOUBLE_SIDED
     transformed[row + LIMIT_ROWS - 1u] = float4(i.color_back, 0.0);
@@ -115,7 +115,7 @@ Interpolants VSLimit(TransformedVertex v)
 #else
     o.color = v.row1;
 #ifdef TEXTURED
-    o.uv_layer = v.row2.xyz;
+    o.uv_layer = v.row2;
 #endif
 #if defined(TEXTURED) && defined(DOUBLE_SIDED)
     o.color_back = v.row3.xyz;

@@ -21,7 +21,7 @@ struct Interpolants
     float4 position : SV_Position;
     float4 color : COLOR0; // sRGB-encoded lit colour, linear alpha
 #ifdef TEXTURED
-    float3 uv_layer : TEXCOORD0;
+    float4 uv_layer : TEXCOORD0; // w: share of light that haze lets through
 #endif
 #ifdef DOUBLE_SIDED
     float3 color_back : COLOR1; // lit from the other side
@@ -46,6 +46,11 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float3 cosines = float3(dot(skinned.normal, frame.to_sun), skinned.normal.y, dot(skinned.normal, to_eye));
     float haze = HazeShare(distance, frame.haze_per_metre);
 
+#ifdef TEXTURED
+    // Haze is in front of the texture, so pixels add it.
+    float clear = 1.0 - haze;
+    haze = 0.0;
+#endif
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(skinned.position, 1.0));
     float3 front = lerp(color.rgb * LightOn(cosines.x, cosines.y, cosines.z, openness), frame.haze, haze);
@@ -56,7 +61,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 #endif
 #ifdef TEXTURED
     float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
-    o.uv_layer = float3(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu));
+    o.uv_layer = float4(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu), clear);
 #endif
     return o;
 }
@@ -72,7 +77,8 @@ float4 PSMain(Interpolants i) : SV_Target
     color.rgb = front_face ? color.rgb : i.color_back;
 #endif
 #ifdef TEXTURED
-    color *= albedo_texture.Sample(albedo_sampler, i.uv_layer);
+    color *= albedo_texture.Sample(albedo_sampler, i.uv_layer.xyz);
+    color.rgb = lerp(SrgbFromLinear(frame.haze), color.rgb, i.uv_layer.w);
 #endif
     if (ALPHA_TESTED)
     {
