@@ -19,7 +19,7 @@ pub struct Curve {
     pub width: u32,
 }
 
-/// Curves over two logarithmic axes, with a legend in the upper left corner.
+/// Curves over two logarithmic axes, with a legend in the upper corner that they leave free.
 pub fn curves(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> Result<()> {
     let points = || curves.iter().flat_map(|c| &c.points);
     let range = |of: fn(&(f64, f64)) -> f64| {
@@ -50,9 +50,16 @@ pub fn curves(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> Re
                 .label(&curve.name)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
         }
+        let ends = curves
+            .iter()
+            .filter_map(|c| Some(c.points.last()?.1 - c.points.first()?.1));
+        let falls = ends.sum::<f64>() < 0.0;
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
+            .position(match falls {
+                true => SeriesLabelPosition::UpperRight,
+                false => SeriesLabelPosition::UpperLeft,
+            })
             .border_style(BLACK)
             .background_style(WHITE)
             .draw()
@@ -127,6 +134,7 @@ where
     ChartBuilder::on(root)
         .caption(title, ("sans-serif", 16))
         .margin(12)
+        .margin_right(40)
         .x_label_area_size(44)
         .y_label_area_size(64)
         .build_cartesian_2d(x, y)
