@@ -185,18 +185,20 @@ impl Gallery {
     }
 }
 
-/// The tiles without the empty texels around their pictures, but for one on each side, where edges are filtered: pixels
-/// that show nothing cost as much as others.
+/// The tiles without the texels around their pictures that show nothing, but for one on each side, where edges are filtered:
+/// pixels that show nothing cost as much as others.
 pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
+    /// Coverage below which soft pictures show nothing: `SOFT_EDGE` of hlsl/impostor.hlsl.
+    const SOFT_EDGE: u8 = 51;
     let atlas = &impostors.atlas;
-    let trim = |tile: &Tile| {
+    let trim = |tile: &Tile, least: u8| {
         let [columns, rows] = tile.size.map(u32::from);
         let (mut first, mut last) = ([columns, rows], [0, 0]);
         for y in 0..rows {
             for x in 0..columns {
                 let column = u32::from(tile.texel[0]) + x;
                 let row = u32::from(tile.texel[1]) + y;
-                if atlas.color[(row * atlas.width + column) as usize][3] > 0 {
+                if atlas.color[(row * atlas.width + column) as usize][3] >= least {
                     first = [first[0].min(x), first[1].min(y)];
                     last = [last[0].max(x + 1), last[1].max(y + 1)];
                 }
@@ -228,7 +230,18 @@ pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
             lean: tile.lean,
         }
     };
-    impostors.tiles.iter().map(trim).collect()
+    let mut leasts = vec![1; impostors.tiles.len()];
+    for (i, quad) in impostors.quads.iter().enumerate() {
+        let next = impostors.quads.get(i + 1);
+        let end = next.map_or(leasts.len(), |q| q.first_tile as usize);
+        if quad.joint == NO_JOINT
+            && let Some(leasts) = leasts.get_mut(quad.first_tile as usize..end)
+        {
+            leasts.fill(SOFT_EDGE);
+        }
+    }
+    let tiles = impostors.tiles.iter().zip(leasts);
+    tiles.map(|(tile, least)| trim(tile, least)).collect()
 }
 
 fn joint_texel(quad: &Quad) -> f32 {
