@@ -2,9 +2,10 @@
 //!
 //! # Data flow
 //! [`bake`] turns a character file into a [`bake::baked::Baked`]; a renderer validates and uploads it once
-//! (`add_character`). Each frame the host hands it [`Agent`]s and a [`View`]; [`select`] (compute) culls, turns the pixel
-//! error into a level of detail and writes instance lists and indirect arguments; [`mesh`] draws every submesh with one
-//! indirect multi-draw; [`ground`], [`shadow`] and [`sky`] are a draw each; the [`FrameReport`] says what it cost.
+//! (`add_character`). Each frame the host hands it [`Agent`]s and a [`View`]; [`occlude`] draws the larger ones as depth;
+//! [`select`] (compute) culls, turns the pixel error into a level of detail and writes instance lists and indirect
+//! arguments; [`mesh`] draws every submesh with one indirect multi-draw; [`ground`], [`shadow`] and [`sky`] are a draw each;
+//! the [`FrameReport`] says what it cost.
 //!
 //! # Without a Vulkan program of your own
 //! [`gpu::Headless`] owns an instance, a device (a GPU, or Mesa's lavapipe where there is none) and an offscreen target:

@@ -13,10 +13,9 @@ use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, set_layout, write_buffers};
 use super::headless::{Headless, dropped};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
-use super::pipeline::{
-    ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout, with_stages,
-};
+use super::pipeline::{ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout};
 use super::resident::{self, Resident};
+use super::shader_stages::with_stages;
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};
 use crate::error::RenderError;
 use crate::gpu_types::{CaptureInstance, DrawConstants, PALETTE_ROW_ENTRIES};

@@ -14,10 +14,12 @@ mod occluders;
 mod own_device;
 mod pipeline;
 mod probe;
+mod record;
 mod renderer;
 mod report;
 pub mod requirements;
 mod resident;
+mod shader_stages;
 pub mod shaders;
 mod slot;
 

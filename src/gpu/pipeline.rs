@@ -1,7 +1,6 @@
 //! Pipeline layouts and pipelines of all stages.
 
 use std::collections::HashMap;
-use std::ffi::CStr;
 use std::mem::offset_of;
 
 use ash::vk;
@@ -10,12 +9,9 @@ use super::bindings;
 use super::context::Context;
 use super::descriptors::set_layout;
 use super::renderer::RendererDesc;
-use super::shaders::{MODULES, Module};
+use super::shader_stages::{compute, with_stages};
 use crate::error::RenderError;
 use crate::gpu_types::{DrawConstants, Instance};
-
-/// Entry point of every module.
-const MAIN: &CStr = c"main";
 
 /// What a mesh pipeline is specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -570,88 +566,6 @@ fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, 
         .map_err(RenderError::vulkan(cx.full_name(name), "vkCreateSampler"))?;
     cx.set_name(sampler, name);
     Ok(sampler)
-}
-
-/// What `make` makes of a vertex module and, where there is one, a fragment module, which only live so long.
-pub(super) fn with_stages(
-    cx: &Context,
-    modules: &[&str],
-    specialization: &vk::SpecializationInfo,
-    make: impl FnOnce(&[vk::PipelineShaderStageCreateInfo]) -> Result<vk::Pipeline, RenderError>,
-) -> Result<vk::Pipeline, RenderError> {
-    let kinds = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
-    let mut stages = Vec::new();
-    let mut made = Ok(vk::Pipeline::null());
-    for (name, kind) in modules.iter().zip(kinds) {
-        match shader(cx, name) {
-            Ok(module) => stages.push(stage(module, kind, specialization)),
-            Err(e) => made = Err(e),
-        }
-    }
-    if made.is_ok() {
-        made = make(&stages);
-    }
-    for stage in stages {
-        // SAFETY: modules may go once the pipeline is made.
-        unsafe { cx.device.destroy_shader_module(stage.module, None) };
-    }
-    made
-}
-
-fn stage<'a>(
-    module: vk::ShaderModule,
-    stage: vk::ShaderStageFlags,
-    specialization: &'a vk::SpecializationInfo<'a>,
-) -> vk::PipelineShaderStageCreateInfo<'a> {
-    vk::PipelineShaderStageCreateInfo::default()
-        .stage(stage)
-        .module(module)
-        .name(MAIN)
-        .specialization_info(specialization)
-}
-
-fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
-    let spirv = MODULES
-        .iter()
-        .find(|m: &&Module| m.name == name)
-        .map_or(&[][..], |m| m.spirv);
-    let info = vk::ShaderModuleCreateInfo::default().code(spirv);
-    // SAFETY: build.rs compiled the words for this Vulkan version; spirv-val checks them in the tests.
-    unsafe { cx.device.create_shader_module(&info, None) }.map_err(RenderError::vulkan(
-        cx.full_name(name),
-        "vkCreateShaderModule",
-    ))
-}
-
-pub(super) fn compute(
-    cx: &Context,
-    name: &str,
-    layout: vk::PipelineLayout,
-) -> Result<vk::Pipeline, RenderError> {
-    let module = shader(cx, name)?;
-    let info = vk::ComputePipelineCreateInfo::default()
-        .stage(
-            vk::PipelineShaderStageCreateInfo::default()
-                .stage(vk::ShaderStageFlags::COMPUTE)
-                .module(module)
-                .name(MAIN),
-        )
-        .layout(layout);
-    // SAFETY: module and layout are alive; the module may go once the pipeline is made.
-    let made = unsafe {
-        let made = cx
-            .device
-            .create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
-        cx.device.destroy_shader_module(module, None);
-        made
-    };
-    let pipeline = made.map_err(|(_, e)| RenderError::Vulkan {
-        object: cx.full_name(name),
-        call: "vkCreateComputePipelines",
-        source: e,
-    })?[0];
-    cx.set_name(pipeline, name);
-    Ok(pipeline)
 }
 
 pub(super) fn pipeline_layout(
