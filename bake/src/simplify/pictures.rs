@@ -393,11 +393,9 @@ impl Default for Reach {
 }
 
 impl Reach {
-    fn add(&mut self, p: [f32; 3]) {
-        for i in 0..2 {
-            self.low[i] = self.low[i].min(p[i]);
-            self.high[i] = self.high[i].max(p[i]);
-        }
+    fn add(&mut self, [x, y, _]: [f32; 3]) {
+        self.low = [self.low[0].min(x), self.low[1].min(y)];
+        self.high = [self.high[0].max(x), self.high[1].max(y)];
     }
 
     /// The pixels within; none where there are none.
