@@ -11,6 +11,7 @@ pub(crate) fn record<'a>(
     drawing: &Drawing,
     parts: impl Iterator<Item = &'a Part>,
     flat: bool,
+    handed_over: &mut u32,
 ) {
     const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
     let layout = drawing.pipelines.draw_layout;
@@ -30,5 +31,6 @@ pub(crate) fn record<'a>(
         c.bind_instances(&part.vertices);
         c.bind_indices(&part.indices);
         c.draw_indexed(part.index_count, 0, 0);
+        drawing.slot.hand_over(c, handed_over);
     }
 }

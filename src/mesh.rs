@@ -19,6 +19,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
         _ => &buffers.instances,
     };
     let mut bound = None;
+    let mut handed_over = 0;
     for (character, resident) in drawing.residents.iter().enumerate() {
         if !slot.may_draw(character, BIN_NONE) {
             continue;
@@ -47,7 +48,10 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
             c.push_constants(layout, DRAW_STAGES, &constants);
             let first_bin = resident.first_bin + draw.first_band;
             match cpu {
-                None => c.draw_indexed_indirect(&buffers.draws, first_bin, draw.band_count),
+                None => {
+                    c.draw_indexed_indirect(&buffers.draws, first_bin, draw.band_count);
+                    slot.hand_over(c, &mut handed_over);
+                }
                 Some(selection) => {
                     for d in &selection.draws[first_bin as usize..][..draw.band_count as usize] {
                         for instance in d.first_instance..d.first_instance + d.instance_count {

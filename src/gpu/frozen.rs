@@ -104,7 +104,7 @@ impl Headless {
         flat: bool,
     ) -> Result<FrameReport, RenderError> {
         let mut draw_calls = 0;
-        self.submit_drawing(frozen.view.size_px, &frozen.queries(), |renderer, c| {
+        self.submit_drawing(frozen.view.size_px, &frozen.slot, |renderer, c| {
             frozen.record(renderer, c, flat);
             draw_calls = c.draw_calls;
         })?;
@@ -270,12 +270,13 @@ impl Frozen {
             let parts = self.parts.iter();
             parts.filter(move |p| matches!(p.look, Look::Mesh(_)) == meshes)
         };
-        let counted = |c: &mut Commands, query, meshes| {
+        let mut handed_over = 0;
+        let mut counted = |c: &mut Commands, query, meshes| {
             let statistics = slot.statistics != vk::QueryPool::null();
             if statistics {
                 c.begin_query(slot.statistics, query);
             }
-            crate::limit::record(c, &drawing, parts(meshes), flat);
+            crate::limit::record(c, &drawing, parts(meshes), flat, &mut handed_over);
             if statistics {
                 c.end_query(slot.statistics, query);
             }
@@ -301,14 +302,6 @@ impl Frozen {
         stamp(c, slot, Stamp::SkyEnd);
         counted(c, 1, false);
         stamp(c, slot, Stamp::ImpostorEnd);
-    }
-
-    /// Query pools that have to be reset before [`Frozen::record`], with their sizes.
-    pub(super) fn queries(&self) -> [(vk::QueryPool, u32); 2] {
-        [
-            (self.slot.timestamps, Stamp::Count as u32),
-            (self.slot.statistics, 2),
-        ]
     }
 }
 

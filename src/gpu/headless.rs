@@ -10,6 +10,7 @@ use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::own_device::{OwnDevice, tune_allocator_for_cpu};
 use super::probe::{Probe, Probed};
 use super::renderer::{DeviceHandles, Renderer, RendererDesc};
+use super::slot::Slot;
 use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId, FrameOptions, FrameReport, View};
 use crate::reference::occlude::Pyramid;
@@ -214,7 +215,7 @@ impl Headless {
     pub(super) fn submit_drawing(
         &mut self,
         size_px: [u32; 2],
-        queries: &[(vk::QueryPool, u32)],
+        slot: &Slot,
         record: impl FnOnce(&Renderer, &mut Commands),
     ) -> Result<(), RenderError> {
         let (Some(renderer), Some(target)) = (&self.renderer, &mut self.target) else {
@@ -227,9 +228,7 @@ impl Headless {
         // for.
         unsafe {
             let mut c = Commands::new(&renderer.cx, core.cmd);
-            for &(pool, count) in queries.iter().filter(|q| q.0 != vk::QueryPool::null()) {
-                c.reset_queries(pool, count);
-            }
+            slot.reset_queries(&mut c);
             target.begin_rendering(core, renderer);
             record(renderer, &mut c);
             core.device().cmd_end_rendering(core.cmd);

@@ -88,12 +88,7 @@ impl Renderer {
         // SAFETY: this function's contract.
         let mut commands = unsafe { Commands::new(&self.cx, cmd) };
         let c = &mut commands;
-        if slot.timestamps != vk::QueryPool::null() {
-            c.reset_queries(slot.timestamps, Stamp::Count as u32);
-        }
-        if slot.statistics != vk::QueryPool::null() {
-            c.reset_queries(slot.statistics, 3);
-        }
+        slot.reset_queries(c);
         stamp(c, slot, Stamp::OccludeBegin);
         let drawing = Drawing {
             pipelines: &self.pipelines,

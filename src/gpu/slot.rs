@@ -4,6 +4,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::bindings::{self, Kind};
+use super::commands::Commands;
 use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
@@ -32,6 +33,9 @@ pub(crate) enum Stamp {
     ImpostorEnd,
     Count,
 }
+
+/// The most timestamps between the draws of meshes.
+const HAND_OVERS: u32 = 32;
 
 /// Sizes that a slot's buffers are made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -110,6 +114,8 @@ pub(crate) struct Slot {
     pub draw_set: vk::DescriptorSet,
     pub cpu_draw_set: vk::DescriptorSet,
     pub timestamps: vk::QueryPool,
+    /// Timestamps behind those of [`Stamp`], for [`Slot::hand_over`].
+    hand_overs: u32,
     pub statistics: vk::QueryPool,
     pub recorded: Option<Recorded>,
     pub begun: bool,
@@ -259,6 +265,7 @@ impl Slot {
             draw_set: vk::DescriptorSet::null(),
             cpu_draw_set: vk::DescriptorSet::null(),
             timestamps: vk::QueryPool::null(),
+            hand_overs: 0,
             statistics: vk::QueryPool::null(),
             recorded: None,
             begun: false,
@@ -300,11 +307,15 @@ impl Slot {
             Ok::<_, RenderError>(pool)
         };
         if cx.capabilities.timestamp_ns.is_some() {
+            self.hand_overs = match cx.capabilities.software {
+                true => HAND_OVERS,
+                false => 0,
+            };
             self.timestamps = pool(
                 "timestamps",
                 vk::QueryPoolCreateInfo::default()
                     .query_type(vk::QueryType::TIMESTAMP)
-                    .query_count(Stamp::Count as u32),
+                    .query_count(Stamp::Count as u32 + self.hand_overs),
             )?;
         }
         if cx.pipeline_statistics {
@@ -317,6 +328,27 @@ impl Slot {
             )?;
         }
         Ok(())
+    }
+
+    /// Resets all queries, which has to come before a frame. Outside rendering.
+    pub fn reset_queries(&self, c: &mut Commands) {
+        for (pool, count) in [
+            (self.timestamps, Stamp::Count as u32 + self.hand_overs),
+            (self.statistics, 3),
+        ] {
+            if pool != vk::QueryPool::null() {
+                c.reset_queries(pool, count);
+            }
+        }
+    }
+
+    /// Lets a CPU driver work on what was drawn so far: lavapipe hands it to its rasteriser threads at a timestamp, and
+    /// shades the vertices of the next draw meanwhile. `done` counts the calls of a frame.
+    pub fn hand_over(&self, c: &mut Commands, done: &mut u32) {
+        if *done < self.hand_overs {
+            c.write_timestamp(self.timestamps, Stamp::Count as u32 + *done);
+            *done += 1;
+        }
     }
 
     /// Makes the buffers hold `shape`. No pending command uses the slot.
