@@ -99,6 +99,9 @@ pub fn scene_of_tetrahedra() -> (tempfile::TempDir, String) {
         [[camera]]
         name = "far"
         position = [0, 60, 140]
+        [[camera]]
+        name = "level"
+        position = [0, 1.2, 14]
     "#;
     std::fs::write(&scene, text).unwrap();
     let name = scene.to_str().unwrap().to_string();
