@@ -586,5 +586,16 @@ fn every_built_in_character_gives_a_sequence_that_keeps_its_rules() {
         let poses = PoseSet::choose(&c, &mesh, 4);
         let s = simplify(&mut mesh, &poses, &[]);
         check(&mesh, &s);
+        // At a pixel of error nobody vanishes who is more than two or three pixels high.
+        let last = (0..s.steps.len())
+            .rev()
+            .find(|&n| !triangles_at(&mesh, &s, n).is_empty())
+            .expect("there are triangles at first");
+        let (low, high) = mesh
+            .positions
+            .iter()
+            .fold((f32::MAX, f32::MIN), |(l, h), p| (l.min(p.y), h.max(p.y)));
+        let gone = s.steps[last].error_m / (high - low);
+        assert!(gone > 0.4, "{name}: {gone}");
     }
 }

@@ -49,6 +49,8 @@ const LOOKS_DRIFT: f64 = 1.25;
 const FLIP_WEIGHT: f64 = 1.0;
 /// What a corner of another look does to the faces around it: the mean square of a barycentric coordinate.
 const INTERPOLATED_SHARE: f32 = 1.0 / 6.0;
+/// Error where nothing is left, as a share of the diagonal.
+const GONE_ERROR: f64 = 0.5;
 /// Error of a level over the geometric mean of its root mean square deviation and the character's diagonal.
 ///
 /// A silhouette of length L that is off by d shows L * d of wrong colour, so the pixel in which it may hide has a side that
@@ -378,7 +380,12 @@ impl<'a> Simplifier<'a> {
     fn raise_error(&mut self) {
         // The diagonal is 1 here.
         let error = if self.pictured() {
-            self.coarse.error_factor * self.wrong().sqrt()
+            let wrong = self.wrong();
+            match self.coarse.faces.is_empty() {
+                // Pictures see but an area; a character that is gone is off by half its size.
+                true => GONE_ERROR,
+                false => self.coarse.error_factor * wrong.sqrt(),
+            }
         } else {
             ERROR_FACTOR * self.samples.deviation().sqrt()
         };
