@@ -76,10 +76,10 @@
 // FrameConstants::flags.
 #define FLAG_FULL_DETAIL 1u
 #define FLAG_STILL 2u
-// FrameConstants::ground_color: there is one.
-#define GROUND_PLAIN 0x80000000u
 #define FLAG_REVERSED_DEPTH 4u
 #define FLAG_SHADOWS 8u
+// FrameConstants::ground_color: there is one.
+#define GROUND_PLAIN 0x80000000u
 
 // One member of the crowd, as the host states it.
 struct AgentState

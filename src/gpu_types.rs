@@ -125,7 +125,7 @@ macro_rules! shared_structs {
             $(#[$meta])*
             #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
             #[repr(C)]
-            #[allow(missing_docs)] // the fields are explained in hlsl/gpu_types.hlsli
+            #[allow(missing_docs, reason = "hlsl/gpu_types.hlsli explains the fields")]
             pub struct $name { $(pub $field: $type,)* }
         )*
         /// Every shared struct.

@@ -108,9 +108,14 @@ impl Gallery {
         side.next_multiple_of(1 << mip_count.saturating_sub(1))
     }
 
+    /// Columns of the grid for a number of atlases; it has no more rows than columns.
+    pub fn columns(atlas_count: u32) -> u32 {
+        f64::from(atlas_count).sqrt().ceil().max(1.0) as u32
+    }
+
     /// Columns and rows of the grid.
     pub fn grid(&self) -> [u32; 2] {
-        let columns = (self.atlas_count as f32).sqrt().ceil().max(1.0) as u32;
+        let columns = Self::columns(self.atlas_count);
         [columns, self.atlas_count.div_ceil(columns).max(1)]
     }
 

@@ -33,7 +33,7 @@ pub mod calibrate;
 pub mod capture;
 pub mod error;
 pub mod frame;
-#[allow(unsafe_code)] // Vulkan is only reachable by it
+#[allow(unsafe_code, reason = "Vulkan is only reachable by it")]
 pub mod gpu;
 pub mod gpu_types;
 pub mod ground;

@@ -364,13 +364,9 @@ fn coarse_levels_are_colored(name: &str, mesh: &Mesh, s: &CollapseSequence, imag
 #[test]
 fn coarse_levels_of_textured_characters_span_no_seams() {
     for name in ["glb/khronos_fox.glb", "glb/horse_textured.glb"] {
-        let Some(path) = model(name) else { continue };
-        let c = throng_bake::import::import(&path).expect("import");
+        let Some(c) = model(name) else { continue };
         let mut mesh = merge(&c).expect("merge");
-        let images: Vec<&Image> = used_images(&c)
-            .into_iter()
-            .map(|i| &c.images[i as usize])
-            .collect();
+        let images = textures(&c);
         let poses = PoseSet::choose(&c, &mesh, 4);
         let s = simplify(&mut mesh, &poses, &images);
         check(&mesh, &s);
@@ -514,31 +510,33 @@ fn repeats_of_a_texture_move_home() {
     }
 }
 
-/// A real character's folder and file, or none where the models are not there.
-fn model(name: &str) -> Option<std::path::PathBuf> {
+/// A real character, or none where the models are not there.
+fn model(name: &str) -> Option<Character> {
     let models = std::env::var_os("THRONG_MODELS").map_or_else(
         || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models"),
         std::path::PathBuf::from,
     );
     let path = models.join(name);
-    if path.exists() {
-        return Some(path);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return None;
     }
-    eprintln!("SKIPPED: {} is not there", path.display());
-    None
+    Some(throng_bake::import::import(&path).expect("import"))
+}
+
+/// The images that a character's mesh has as layers.
+fn textures(c: &Character) -> Vec<&Image> {
+    let used = used_images(c).into_iter();
+    used.map(|i| &c.images[i as usize]).collect()
 }
 
 #[test]
 fn real_characters_reach_few_triangles_and_pay_for_positions_not_for_seams() {
     // Dozens of separate pieces, and a pedestrian with split normals everywhere.
     for name in ["glb/kaykit_rogue.glb", "glb/ped_man_worker.glb"] {
-        let Some(path) = model(name) else { continue };
-        let c = throng_bake::import::import(&path).expect("import");
+        let Some(c) = model(name) else { continue };
         let mut mesh = merge(&c).expect("merge");
-        let images: Vec<&Image> = used_images(&c)
-            .into_iter()
-            .map(|i| &c.images[i as usize])
-            .collect();
+        let images = textures(&c);
         let poses = PoseSet::choose(&c, &mesh, PoseSet::DEFAULT_COUNT);
         let s = simplify(&mut mesh, &poses, &images);
         check(&mesh, &s);

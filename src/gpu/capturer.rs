@@ -229,15 +229,13 @@ impl<'a> Capturer<'a> {
         )?;
         let image = objects.palette.insert(cx.create_image(
             "capture poses",
-            &ImageDesc {
-                format: vk::Format::R32G32B32A32_SFLOAT,
-                extent,
-                mips: 1,
-                layers: 1,
-                shape: ImageShape::Plain,
-                usage: vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST,
-                aspect: vk::ImageAspectFlags::COLOR,
-            },
+            &ImageDesc::sampled(
+                vk::Format::R32G32B32A32_SFLOAT,
+                [extent.width, extent.height],
+                1,
+                1,
+                ImageShape::Plain,
+            ),
         )?);
         let (Some(staging), Some(resident)) = (objects.buffers.last(), &self.objects.resident)
         else {

@@ -64,7 +64,7 @@ pub(crate) struct Commands<'a> {
 
 // SAFETY of every call below: `new` promises a recording command buffer of the context's device; handles come from the
 // renderer, which keeps them alive until the host says that the frame is finished.
-#[allow(clippy::undocumented_unsafe_blocks)] // one reason for all, above
+#[allow(clippy::undocumented_unsafe_blocks, reason = "one for all, above")]
 impl<'a> Commands<'a> {
     /// # Safety
     /// `cmd` is recording, belongs to the context's device, and is outside or inside rendering as the caller's contract says.

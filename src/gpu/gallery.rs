@@ -62,7 +62,7 @@ pub(super) fn check(
     let atlas = &impostors.atlas;
     let texels = gallery.texels.len() as u64 + impostor::Gallery::block_size(impostors);
     let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
-    let columns = (f64::from(gallery.atlas_count) + 1.0).sqrt().ceil() as u64;
+    let columns = impostor::Gallery::columns(gallery.atlas_count + 1);
     let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
     for (needed, limit, unit) in [
         (
@@ -71,7 +71,7 @@ pub(super) fn check(
             "texels of all impostors' tables",
         ),
         (
-            u64::from(gallery.side_with(atlas)) * columns,
+            u64::from(gallery.side_with(atlas)) * u64::from(columns),
             u64::from(limits.image_size),
             "texels in a row or column of all impostors",
         ),
@@ -184,22 +184,10 @@ impl Gallery {
             ("impostors' colours", bytes, pictures, mips, plain),
             ("impostors' surfaces", bytes, pictures, mips, plain),
         ] {
-            use vk::ImageUsageFlags as U;
-            self.images.push(cx.create_image(
-                name,
-                &ImageDesc {
-                    format,
-                    extent: vk::Extent2D {
-                        width: size[0],
-                        height: size[1],
-                    },
-                    mips,
-                    layers,
-                    shape,
-                    usage: U::SAMPLED | U::TRANSFER_DST | U::TRANSFER_SRC,
-                    aspect: vk::ImageAspectFlags::COLOR,
-                },
-            )?);
+            let mut desc = ImageDesc::sampled(format, size, mips, layers, shape);
+            // A larger gallery takes its atlases from this one.
+            desc.usage |= vk::ImageUsageFlags::TRANSFER_SRC;
+            self.images.push(cx.create_image(name, &desc)?);
         }
         let mut buffer = cx.create_buffer(
             "impostors' staging",

@@ -49,6 +49,27 @@ pub(crate) struct ImageDesc {
     pub aspect: vk::ImageAspectFlags,
 }
 
+impl ImageDesc {
+    /// A colour image that is filled once and that shaders read.
+    pub fn sampled(
+        format: vk::Format,
+        [width, height]: [u32; 2],
+        mips: u32,
+        layers: u32,
+        shape: ImageShape,
+    ) -> Self {
+        Self {
+            format,
+            extent: vk::Extent2D { width, height },
+            mips,
+            layers,
+            shape,
+            usage: vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST,
+            aspect: vk::ImageAspectFlags::COLOR,
+        }
+    }
+}
+
 impl Context {
     fn with_allocator<T>(
         &self,

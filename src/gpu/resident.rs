@@ -402,21 +402,8 @@ impl Made<'_> {
                 });
             }
         }
-        let image = self.cx.create_image(
-            name,
-            &ImageDesc {
-                format,
-                extent: vk::Extent2D {
-                    width: size[0],
-                    height: size[1],
-                },
-                mips,
-                layers,
-                shape,
-                usage: vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST,
-                aspect: vk::ImageAspectFlags::COLOR,
-            },
-        )?;
+        let desc = ImageDesc::sampled(format, size, mips, layers, shape);
+        let image = self.cx.create_image(name, &desc)?;
         self.images.push(image);
         Ok(())
     }

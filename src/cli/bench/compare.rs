@@ -9,7 +9,7 @@ use super::plot::{Bar, Curve, bars, curves};
 use super::turns::{self, Contender, Entry};
 use super::{Arguments, Name, flip};
 use crate::cli::measure::{FrameTime, MethodName, Studio};
-use crate::cli::output::{Progress, Table, grouped, say, write_json};
+use crate::cli::output::{Progress, Table, grouped};
 use crate::cli::shot::Shot;
 
 const ALL_METHODS: [MethodName; 6] = [
@@ -137,14 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ),
         steps,
     };
-    say(&results)?;
-    if let Some(path) = &arguments.plot {
-        results.plot(path)?;
-    }
-    match &arguments.json {
-        Some(path) => write_json(path, &results),
-        None => Ok(()),
-    }
+    arguments.hand_out(&results, |path| results.plot(path))
 }
 
 impl Setup {

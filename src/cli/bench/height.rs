@@ -14,7 +14,7 @@ use super::Arguments;
 use super::plot::{Curve, curves};
 use crate::cli::impostors::Plan;
 use crate::cli::measure::WARM_UP_FRAMES;
-use crate::cli::output::{Progress, Table, median_p95, say, write_json};
+use crate::cli::output::{Progress, Table, median_p95};
 use crate::cli::source::{self, Recipe};
 
 /// Projected heights, pixels.
@@ -167,14 +167,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         steps,
         cost_model_ns: fitted,
     };
-    say(&results)?;
-    if let Some(path) = &arguments.plot {
-        results.plot(path)?;
-    }
-    match &arguments.json {
-        Some(path) => write_json(path, &results),
-        None => Ok(()),
-    }
+    arguments.hand_out(&results, |path| results.plot(path))
 }
 
 /// A sheet that fills the picture.

@@ -1,6 +1,7 @@
 //! `throng bench`: what drawing costs. One file per experiment; [`turns`] is how every one of them measures.
 
-use std::path::PathBuf;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use serde::Serialize;
@@ -8,6 +9,7 @@ use serde::Serialize;
 use super::cache;
 use super::impostors::Plan;
 use super::measure::MethodName;
+use super::output::{say, write_json};
 use super::render::Size;
 use super::shot::{Request, Shot, Switch};
 use super::source::Recipe;
@@ -156,6 +158,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
+    /// Prints results, and writes the files that were asked for.
+    fn hand_out<R: Display + Serialize>(
+        &self,
+        results: &R,
+        plot: impl FnOnce(&Path) -> Result<()>,
+    ) -> Result<()> {
+        say(results)?;
+        if let Some(path) = &self.plot {
+            plot(path)?;
+        }
+        match &self.json {
+            Some(path) => write_json(path, results),
+            None => Ok(()),
+        }
+    }
+
     /// The scene with its characters, baked with impostors where `impostors` says so.
     fn shot(
         &self,
