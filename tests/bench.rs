@@ -163,6 +163,59 @@ fn pictures_are_compared_where_python_can() {
     }
 }
 
+/// Only along a camera that moves.
+#[test]
+fn pictures_along_a_path_are_compared_frame_by_frame() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (plot, report, pictures) = (file("path.svg"), file("path.json"), file("pictures"));
+    let fixed = ["bench", "path", "--size", "64x64", "--scene", &scene];
+    let refused = refuse(&fixed);
+    assert!(refused.contains("path"), "{refused}");
+    let text = std::fs::read_to_string(&scene).unwrap();
+    let camera = r#"
+        [[camera]]
+        name = "flight"
+        path = [
+            { time = 0, position = [0, 6, 14], target = [0, 0, 0] },
+            { time = 0.1, position = [0, 2, 9], target = [0, 0, 0] },
+        ]
+    "#;
+    std::fs::write(&scene, text + camera).unwrap();
+    assert!(refuse(&[&fixed[..], &["--camera", "near"]].concat()).contains("--camera"));
+    let more = ["--supersample", "2", "--json", &report, "--plot", &plot];
+    let keep = ["--pictures", &pictures];
+    let output = throng(&[&fixed[..], &more, &keep].concat());
+    if stderr(&output).contains("flip-evaluator") {
+        eprintln!("SKIPPED: flip-evaluator is not installed");
+        return;
+    }
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("flicker"));
+    let results = json(&std::fs::read_to_string(report).unwrap());
+    assert_eq!(results["setup"]["camera"], "flight");
+    assert_eq!(results["setup"]["frames"], 3);
+    let names: Vec<&str> = (results["methods"].as_array().unwrap().iter())
+        .filter_map(|m| m["method"].as_str())
+        .collect();
+    assert_eq!(names, ["full", "lod", "hybrid"]);
+    for method in results["methods"].as_array().unwrap() {
+        for (series, count) in [("flip", 3), ("change", 2), ("flicker", 2)] {
+            let series = method[series].as_array().unwrap();
+            assert_eq!(series.len(), count);
+            assert!(series.iter().all(|x| x.as_f64().is_some_and(|x| x > 0.0)));
+        }
+        let ratio = method["to_full"]["flip"]["mean"].as_f64().unwrap();
+        assert!(ratio > 0.2 && ratio < 5.0, "{ratio}");
+    }
+    assert!(
+        std::path::Path::new(&pictures)
+            .join("hybrid_0002.png")
+            .is_file()
+    );
+    assert!(std::fs::read_to_string(plot).unwrap().contains("<svg"));
+}
+
 #[test]
 fn what_makes_no_sense_is_refused_by_name() {
     for (arguments, option) in [
@@ -174,6 +227,9 @@ fn what_makes_no_sense_is_refused_by_name() {
         (&["bench", "methods", "--method", "best"], "best"),
         (&["bench", "limit", "--pixel-error", "nan"], "--pixel-error"),
         (&["bench", "ramos", "--plot", "a.svg"], "--plot"),
+        (&["bench", "path", "--method", "full"], "full"),
+        (&["bench", "path", "--agents", "10,20"], "--agents"),
+        (&["bench", "limit", "--pictures", "a"], "--pictures"),
         (&["bench", "methods", "--scene", "moon"], "stampede"),
     ] {
         let message = refuse(arguments);

@@ -140,6 +140,29 @@ impl Shot {
             .populate(&self.characters.iter().collect::<Vec<_>>());
     }
 
+    /// Looks through the camera that was asked for, or where none was, through the first that moves; its name, and how long
+    /// it moves in seconds.
+    ///
+    /// Errors: where it stands still.
+    pub fn fly(&mut self, was_asked_for: bool) -> Result<(String, f32)> {
+        let cameras = &self.scene.cameras;
+        let end = |i: usize| cameras.get(i)?.path.last().map(|key| key.time);
+        let found = match self.camera {
+            Some(i) if was_asked_for => Some(i).filter(|&i| end(i).is_some()),
+            _ => (0..cameras.len()).find(|&i| end(i).is_some()),
+        };
+        match found.and_then(|i| Some((i, end(i)?))) {
+            Some((i, end)) => {
+                self.camera = Some(i);
+                Ok((cameras[i].name.clone(), end))
+            }
+            None if was_asked_for => {
+                bail!("--camera: it stands still; this needs one with a `path`")
+            }
+            None => bail!("the scene has no camera with a `path`"),
+        }
+    }
+
     /// All agents at a time.
     pub fn agents(&self, time: f32) -> Vec<Agent> {
         let mut agents = self.crowd.agents_at(time);

@@ -97,7 +97,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|&m| Contender::Method(m, true))
         .chain([Contender::Limit, Contender::Floor])
         .collect();
-    let bar = progress.bar("Measuring", (counts.len() * arguments.runs) as u64);
+    let bar = progress.bar("Measuring", (counts.len() * arguments.runs()) as u64);
     let mut steps = Vec::new();
     for count in counts {
         if count != shot.scene.agent_count() {
@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             &mut studio,
             &contenders,
             arguments.pixel_error,
-            arguments.runs,
+            arguments.runs(),
             &bar,
         )?;
         steps.push(Step::new(count as u64, entries));
@@ -160,7 +160,7 @@ impl Setup {
             characters: shot.characters.iter().map(|c| c.name.clone()).collect(),
             size_px: arguments.size.0,
             pixel_error_px: arguments.pixel_error,
-            runs: arguments.runs,
+            runs: arguments.runs(),
             limit_of: limit_of.name(),
         }
     }

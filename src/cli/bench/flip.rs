@@ -10,7 +10,7 @@ use crate::cli::render::save;
 use crate::cli::shot::Shot;
 
 /// Samples along each side of a pixel of the reference.
-const SUPERSAMPLE: u32 = 4;
+pub const SUPERSAMPLE: u32 = 4;
 
 /// Mean FLIP error of every method's picture of the scene's first frame against `full` with many samples per pixel.
 ///
@@ -22,23 +22,7 @@ pub fn measure(
     pixel_error: f32,
     methods: &[MethodName],
 ) -> Result<Vec<f64>> {
-    let tool = tool()?;
-    let folder = std::env::temp_dir().join(format!("throng-flip-{}", std::process::id()));
-    let result = measure_in(&folder, &tool, shot, studio, device, pixel_error, methods);
-    // Whether it worked or not; what cannot be removed is the system's to clean up.
-    let _ = std::fs::remove_dir_all(&folder);
-    result
-}
-
-fn measure_in(
-    folder: &Path,
-    tool: &Path,
-    shot: &Shot,
-    studio: &mut Studio,
-    device: Option<&str>,
-    pixel_error: f32,
-    methods: &[MethodName],
-) -> Result<Vec<f64>> {
+    let comparer = Comparer::new(None)?;
     let drawing = |method, supersample| Drawing {
         method,
         pixel_error,
@@ -50,22 +34,77 @@ fn measure_in(
     let mut pictures = Vec::new();
     for &method in methods {
         studio.draw(shot, &drawing(method, 1))?;
-        let path = folder.join(format!("{}.png", method.name()));
+        let path = comparer.path(method.name());
         save(studio, 1, &path)?;
         pictures.push(path);
     }
-    let reference = folder.join("reference.png");
+    let reference = comparer.path("reference");
     let mut large = Studio::new(shot, device, studio.size_px(), SUPERSAMPLE)?;
     large.draw(shot, &drawing(MethodName::Full, SUPERSAMPLE))?;
     save(&mut large, SUPERSAMPLE, &reference)?;
-    let output = match Command::new(tool).arg(&reference).args(&pictures).output() {
-        Ok(output) => output,
-        Err(e) => bail!("{}: {e}", tool.display()),
-    };
-    if !output.status.success() {
-        bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
+    comparer.errors(&reference, &pictures)
+}
+
+/// The tool, and a folder for the pictures that it is given.
+pub struct Comparer {
+    tool: PathBuf,
+    folder: PathBuf,
+    /// The folder is gone afterwards.
+    is_temporary: bool,
+}
+
+impl Comparer {
+    /// Pictures stay in `keep`, or else nowhere.
+    ///
+    /// Errors: where tools/picture-error is missing.
+    pub fn new(keep: Option<&Path>) -> Result<Self> {
+        let temporary = || std::env::temp_dir().join(format!("throng-flip-{}", std::process::id()));
+        Ok(Self {
+            tool: tool()?,
+            folder: keep.map_or_else(temporary, Path::to_path_buf),
+            is_temporary: keep.is_none(),
+        })
     }
-    errors(&String::from_utf8_lossy(&output.stdout), methods.len())
+
+    /// Where a picture is to be written.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.png"))
+    }
+
+    /// Mean FLIP error of each picture against the reference.
+    ///
+    /// Errors: with what the tool says, where what it needs is missing.
+    pub fn errors(&self, reference: &Path, pictures: &[PathBuf]) -> Result<Vec<f64>> {
+        let output = Command::new(&self.tool)
+            .arg(reference)
+            .args(pictures)
+            .output();
+        let output = match output {
+            Ok(output) => output,
+            Err(e) => bail!("{}: {e}", self.tool.display()),
+        };
+        if !output.status.success() {
+            bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
+        }
+        errors(&String::from_utf8_lossy(&output.stdout), pictures.len())
+    }
+
+    /// Removes a picture that is not to be kept.
+    pub fn forget(&self, picture: &Path) {
+        if self.is_temporary {
+            // Whatever is left goes with the folder.
+            let _ = std::fs::remove_file(picture);
+        }
+    }
+}
+
+impl Drop for Comparer {
+    fn drop(&mut self) {
+        if self.is_temporary {
+            // What cannot be removed is the system's to clean up.
+            let _ = std::fs::remove_dir_all(&self.folder);
+        }
+    }
 }
 
 /// The first word of each line.

@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             headless: &mut headless,
             sheet: &sheet,
             pixel_error: arguments.pixel_error,
-            runs: arguments.runs,
+            runs: arguments.runs(),
         };
         let mut step = Step {
             height_px,
@@ -162,7 +162,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         character: baked.name.clone(),
         size_px: arguments.size.0,
         pixel_error_px: arguments.pixel_error,
-        runs: arguments.runs,
+        runs: arguments.runs(),
         warm_up_frames: WARM_UP_FRAMES,
         steps,
         cost_model_ns: fitted,

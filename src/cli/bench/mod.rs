@@ -17,6 +17,7 @@ use super::source::Recipe;
 mod compare;
 mod flip;
 mod height;
+mod path;
 mod plot;
 mod ramos;
 mod turns;
@@ -36,6 +37,10 @@ mod turns;
         calls (figure 4b); animation on and off (figure 3a); bytes per vertex (table 2).\n\n\
         height: milliseconds per 1,000 agents of one character by projected height, from 4 to 400 pixels, in every \
         representation, and how near the hybrid is to the cheapest one that --pixel-error allows.\n\n\
+        path: the pictures, frame by frame, along a camera's path: their mean FLIP error against `full` with many samples \
+        per pixel, and how much each frame differs from the one before it, both as multiples of what one-sample `full` \
+        shows. `flicker` is the change of the difference to the reference, in which the camera's motion and the agents' \
+        cancels. It draws everybody at full detail twice a frame: allow half an hour, or take fewer --agents.\n\n\
         How it is measured: everything compared takes turns, frame by frame (A B C A B C ...), so that a machine that \
         grows slower does so for all alike. Every turn draws the next frame of the scene: agents walk. Before that each \
         draws frames until they grow faster no more, because drivers compile shaders at the first draws. Frames so slow \
@@ -50,25 +55,27 @@ mod turns;
         throng bench scale --plot scale.svg --json scale.json\n  \
         throng bench limit --scene plaza\n  \
         throng bench ramos --agents 1000,10000 -c ped.glb --json ramos.json\n  \
-        throng bench height -c fox.glb --plot height.svg"
+        throng bench height -c fox.glb --plot height.svg\n  \
+        throng bench path --agents 2000 --runs 20 --pictures out/path"
 )]
 pub struct Arguments {
     /// Which experiment
     #[arg(value_enum, default_value = "methods")]
     name: Name,
-    /// Numbers of agents: for scale 100 to 1,000,000 where left out, for ramos 1,000 to 10,000, else the scene's
+    /// Numbers of agents: for scale 100 to 1,000,000 where left out, for ramos 1,000 to 10,000, else the scene's (path takes one)
     #[arg(short = 'n', long, value_name = "N,N,...", value_delimiter = ',')]
     agents: Vec<usize>,
-    /// A scene file, or the name of a built-in scene; for scale `scale`, for ramos `plaza`, else `street` where left out
+    /// A scene file, or the name of a built-in scene; for scale `scale`, for ramos and path `plaza`, else `street` where left out
     #[arg(long)]
     scene: Option<String>,
     /// A character in place of the scene's; may be repeated. For height: the one that is measured
     #[arg(short, long = "character", value_name = "FILE")]
     characters: Vec<String>,
-    /// Which of the scene's cameras
+    /// Which of the scene's cameras; for path the first that has one where left out
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// What is compared, for methods, scale and limit; for methods all of them where left out, else hybrid
+    /// What is compared, for methods, scale, limit and path; for methods all of them where left out, for path lod and hybrid,
+    /// else hybrid
     #[arg(
         long = "method",
         value_name = "METHOD,METHOD,...",
@@ -86,12 +93,19 @@ pub struct Arguments {
     occlusion: Switch,
     #[command(flatten)]
     cache: cache::Options,
-    /// Frames timed of each kind, after those that warm up; slow ones get fewer
-    #[arg(long, value_name = "N", default_value_t = 30)]
-    runs: usize,
+    /// Frames timed of each kind, after those that warm up: 30 where left out; slow ones get fewer. For path the frames
+    /// compared, from the first: the whole path where left out
+    #[arg(long, value_name = "N")]
+    runs: Option<usize>,
     /// Also measures each picture's mean FLIP error against `full` with 16 samples per pixel, for methods: takes a minute
     #[arg(long)]
     flip: bool,
+    /// For path: samples along each side of a pixel of the reference
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=16))]
+    supersample: Option<u32>,
+    /// For path: keep the pictures that are compared in this folder
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
     /// A part of the device's name, or its index
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
@@ -116,11 +130,13 @@ enum Name {
     Ramos,
     /// Every representation by projected height
     Height,
+    /// Pictures along a camera's path
+    Path,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.runs == 0 || arguments.agents.contains(&0) {
+    if arguments.runs == Some(0) || arguments.agents.contains(&0) {
         bail!("--runs and --agents have to be at least 1");
     }
     let e = arguments.pixel_error;
@@ -133,27 +149,30 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         true => bail!("{option}: it is not for {:?}", arguments.name),
         false => Ok(()),
     };
-    use Name::{Limit, Methods, Ramos, Scale};
+    use Name::{Limit, Methods, Path, Ramos, Scale};
     only(arguments.flip, "--flip", &[Methods])?;
+    only(arguments.supersample.is_some(), "--supersample", &[Path])?;
+    only(arguments.pictures.is_some(), "--pictures", &[Path])?;
     only(
         !arguments.methods.is_empty(),
         "--method",
-        &[Methods, Scale, Limit],
+        &[Methods, Scale, Limit, Path],
     )?;
     only(
         !arguments.agents.is_empty(),
         "--agents",
-        &[Methods, Scale, Limit, Ramos],
+        &[Methods, Scale, Limit, Ramos, Path],
     )?;
     only(
         arguments.scene.is_some(),
         "--scene",
-        &[Methods, Scale, Limit, Ramos],
+        &[Methods, Scale, Limit, Ramos, Path],
     )?;
     match arguments.name {
         Name::Methods | Name::Scale | Name::Limit => compare::run(arguments),
         Name::Ramos => ramos::run(arguments),
         Name::Height => height::run(arguments),
+        Name::Path => path::run(arguments),
     }
 }
 
@@ -172,6 +191,11 @@ impl Arguments {
             Some(path) => write_json(path, results),
             None => Ok(()),
         }
+    }
+
+    /// Frames timed of each kind.
+    fn runs(&self) -> usize {
+        self.runs.unwrap_or(30)
     }
 
     /// The scene with its characters, baked with impostors where `impostors` says so.

@@ -21,50 +21,72 @@ pub struct Curve {
 
 /// Curves over two logarithmic axes, with a legend in the upper corner that they leave free.
 pub fn curves(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> Result<()> {
-    let points = || curves.iter().flat_map(|c| &c.points);
-    let range = |of: fn(&(f64, f64)) -> f64| {
-        let (low, high) = points()
-            .map(of)
-            .fold((f64::MAX, f64::MIN), |(low, high), x| {
-                (low.min(x), high.max(x))
-            });
-        if low < high { low..high } else { 0.5..2.0 }
-    };
-    let (x, y) = (range(|p| p.0), range(|p| p.1));
+    let x = range(curves, |p| p.0);
+    let y = range(curves, |p| p.1);
     let y = y.start * 0.8..y.end * 1.3;
     draw(path, |root| {
-        let mut chart = chart(root, title, x.log_scale(), y.log_scale())?;
-        chart
-            .configure_mesh()
-            .x_desc(axes[0])
-            .y_desc(axes[1])
-            .x_label_formatter(&|x| format!("{x:.0}"))
-            .y_label_formatter(&|y| short(*y))
-            .draw()
-            .map_err(bad)?;
-        for (i, curve) in curves.iter().enumerate() {
-            let style = color(i).stroke_width(curve.width);
-            chart
-                .draw_series(LineSeries::new(curve.points.iter().copied(), style))
-                .map_err(bad)?
-                .label(&curve.name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
-        }
-        let ends = curves
-            .iter()
-            .filter_map(|c| Some(c.points.last()?.1 - c.points.first()?.1));
-        let falls = ends.sum::<f64>() < 0.0;
-        chart
-            .configure_series_labels()
-            .position(match falls {
-                true => SeriesLabelPosition::UpperRight,
-                false => SeriesLabelPosition::UpperLeft,
-            })
-            .border_style(BLACK)
-            .background_style(WHITE)
-            .draw()
-            .map_err(bad)
+        let chart = chart(root, title, x.log_scale(), y.log_scale())?;
+        draw_curves(chart, axes, curves)
     })
+}
+
+/// The same over two linear axes; the vertical one begins at 0.
+pub fn linear_curves(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> Result<()> {
+    let x = range(curves, |p| p.0);
+    let y = 0.0..range(curves, |p| p.1).end * 1.3;
+    draw(path, |root| {
+        draw_curves(chart(root, title, x, y)?, axes, curves)
+    })
+}
+
+/// From the least to the greatest of all points.
+fn range(curves: &[Curve], of: fn(&(f64, f64)) -> f64) -> std::ops::Range<f64> {
+    let all = curves.iter().flat_map(|c| &c.points).map(of);
+    let (low, high) = all.fold((f64::MAX, f64::MIN), |(low, high), x| {
+        (low.min(x), high.max(x))
+    });
+    if low < high { low..high } else { 0.5..2.0 }
+}
+
+fn draw_curves<'a, 'b: 'a, X, Y>(
+    mut chart: ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>,
+    axes: [&str; 2],
+    curves: &[Curve],
+) -> Result<()>
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    chart
+        .configure_mesh()
+        .x_desc(axes[0])
+        .y_desc(axes[1])
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| short(*y))
+        .draw()
+        .map_err(bad)?;
+    for (i, curve) in curves.iter().enumerate() {
+        let style = color(i).stroke_width(curve.width);
+        chart
+            .draw_series(LineSeries::new(curve.points.iter().copied(), style))
+            .map_err(bad)?
+            .label(&curve.name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
+    }
+    let ends = curves
+        .iter()
+        .filter_map(|c| Some(c.points.last()?.1 - c.points.first()?.1));
+    let falls = ends.sum::<f64>() < 0.0;
+    chart
+        .configure_series_labels()
+        .position(match falls {
+            true => SeriesLabelPosition::UpperRight,
+            false => SeriesLabelPosition::UpperLeft,
+        })
+        .border_style(BLACK)
+        .background_style(WHITE)
+        .draw()
+        .map_err(bad)
 }
 
 /// A bar.

@@ -59,11 +59,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         [] => &AGENTS[..],
         given => given,
     };
-    let bar = progress.bar("Measuring", (counts.len() * arguments.runs) as u64);
+    let bar = progress.bar("Measuring", (counts.len() * arguments.runs()) as u64);
     let mut steps = Vec::new();
     for &count in counts {
         shot.set_agent_count(count);
-        let (pixel_error, runs) = (arguments.pixel_error, arguments.runs);
+        let (pixel_error, runs) = (arguments.pixel_error, arguments.runs());
         let entries = turns::measure(&shot, &mut studio, &CONTENDERS, pixel_error, runs, &bar)?;
         match <[Entry; 4]>::try_from(entries) {
             Ok([lod, still, full, uninstanced]) => {
