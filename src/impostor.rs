@@ -72,6 +72,8 @@ pub struct Gallery {
     pub mip_count: u32,
     /// Atlases.
     pub atlas_count: u32,
+    /// The picture is of BC7 blocks. The first atlas decides.
+    pub blocks: bool,
 }
 
 /// Where a character's impostors stand in the table.
@@ -100,12 +102,11 @@ impl Gallery {
         poses + (3 * impostors.quads.len() + 2 * views + 3 * impostors.tiles.len()) as u64
     }
 
-    /// The side of a square where one more atlas has to fit. Every mip of it begins and ends with a texel, as every tile of an
-    /// atlas does.
+    /// The side of a square where one more atlas has to fit. Every mip of it begins and ends with a block of 4x4 texels.
     pub fn side_with(&self, atlas: &Atlas) -> u32 {
         let mip_count = self.mip_count.max(atlas.mip_count);
         let side = self.side.max(atlas.width).max(atlas.height);
-        side.next_multiple_of(1 << mip_count.saturating_sub(1))
+        side.next_multiple_of(4 << mip_count.saturating_sub(1))
     }
 
     /// Columns of the grid for a number of atlases; it has no more rows than columns.

@@ -40,7 +40,7 @@ struct Host {
     debug: (ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT),
     physical: vk::PhysicalDevice,
     family: u32,
-    statistics: bool,
+    optional: requirements::OptionalFeatures,
     device: ash::Device,
     queue: vk::Queue,
     pool: vk::CommandPool,
@@ -93,11 +93,9 @@ impl Host {
                     f.queue_flags.contains(both)
                 })
                 .expect("a queue") as u32;
-            let statistics = instance
-                .get_physical_device_features(physical)
-                .pipeline_statistics_query
-                == vk::TRUE;
-            let mut features = requirements::features(statistics);
+            let supported = instance.get_physical_device_features(physical);
+            let optional = requirements::OptionalFeatures::among(&supported);
+            let mut features = requirements::features(optional);
             let queues = [vk::DeviceQueueCreateInfo::default()
                 .queue_family_index(family)
                 .queue_priorities(&[1.0])];
@@ -154,7 +152,7 @@ impl Host {
                 debug: (debug, messenger),
                 physical,
                 family,
-                statistics,
+                optional,
                 device,
                 queue,
                 pool,
@@ -175,7 +173,7 @@ impl Host {
             device: &self.device,
             queue_family: self.family,
             debug_utils: true,
-            pipeline_statistics: self.statistics,
+            optional: self.optional,
         }
     }
 

@@ -8,6 +8,7 @@
 
 pub mod bake;
 pub mod baked;
+pub mod bc7;
 pub mod character;
 pub mod error;
 pub mod export;

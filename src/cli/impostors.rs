@@ -13,6 +13,7 @@ use throng_bake::impostor::build::{ImpostorOptions, build};
 use throng_bake::impostor::groups::Groups;
 
 use super::output::Progress;
+use super::shot::Switch;
 
 /// A kind as the command line names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -53,9 +54,12 @@ pub struct Options {
     /// Poses of a clip for quad impostors, at most
     #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().quad_poses_per_clip)]
     quad_poses: u32,
-    /// Bytes that all pictures of a character may take; texels grow coarser until they fit
+    /// Bytes that all pictures of a character may take before they are compressed; texels grow coarser until they fit
     #[arg(long, value_name = "BYTES", default_value_t = ImpostorOptions::default().memory_limit_bytes)]
     impostor_memory: u64,
+    /// Keep the pictures in BC7 blocks, at a quarter of the bytes
+    #[arg(long, value_name = "SWITCH", default_value = "off")]
+    compress: Switch,
     /// Groups of joints, a TOML table of lists of joint names; INPUT.groups.toml beside the input where there is one
     #[arg(long, value_name = "FILE")]
     groups: Option<PathBuf>,
@@ -85,6 +89,7 @@ impl Options {
             quad_view_cuts: self.quad_views,
             quad_poses_per_clip: self.quad_poses,
             memory_limit_bytes: self.impostor_memory,
+            compress: self.compress == Switch::On,
             ..ImpostorOptions::default()
         };
         Ok(Some(Plan {
@@ -160,6 +165,7 @@ impl Plan {
         bar.finish_and_clear();
         let defaults = ImpostorOptions {
             kinds: self.options.kinds.clone(),
+            compress: self.options.compress,
             ..ImpostorOptions::default()
         };
         if self.options != defaults {

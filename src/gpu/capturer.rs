@@ -110,7 +110,7 @@ impl<'a> Capturer<'a> {
         let cx = &renderer.cx;
         let o = &mut self.objects;
         let (resident, upload) =
-            resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0, 0)?;
+            resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0, (0, false))?;
         let variants: Vec<MeshVariant> = resident.draws.iter().map(|d| d.variant()).collect();
         let resident = o.resident.insert(resident);
         // A begun command buffer runs even where recording failed, so the staging buffer may go after the wait.

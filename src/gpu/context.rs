@@ -7,7 +7,7 @@ use ash::vk::Handle;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::renderer::{DeviceHandles, RendererDesc};
-use super::requirements::{self, Capabilities};
+use super::requirements::{self, Capabilities, OptionalFeatures};
 use crate::error::RenderError;
 
 /// Owned by the renderer; everything else borrows it.
@@ -15,7 +15,7 @@ pub(crate) struct Context {
     pub device: ash::Device,
     pub capabilities: Capabilities,
     pub allocator: Mutex<Option<Allocator>>,
-    pub pipeline_statistics: bool,
+    pub optional: OptionalFeatures,
     debug: Option<ash::ext::debug_utils::Device>,
     name: String,
 }
@@ -45,7 +45,7 @@ impl Context {
             device: handles.device.clone(),
             capabilities,
             allocator: Mutex::new(Some(allocator)),
-            pipeline_statistics: handles.pipeline_statistics,
+            optional: handles.optional,
             debug: handles
                 .debug_utils
                 .then(|| ash::ext::debug_utils::Device::new(handles.instance, handles.device)),

@@ -3,10 +3,11 @@
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
+use throng_bake::bc7::{self, Block};
 use throng_bake::impostor::{Atlas, CUBE_SIZE, Impostors};
 
 use super::bindings;
-use super::commands::Commands;
+use super::commands::{Access, Commands};
 use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, write_images};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
@@ -36,6 +37,8 @@ struct Staged {
     table: Vec<vk::BufferImageCopy>,
     cells: Vec<vk::BufferImageCopy>,
     indices: vk::BufferCopy,
+    /// Blocks of a square that shows nothing, where pictures are blocks: those cannot be cleared.
+    empty: Option<u64>,
 }
 
 /// Where a character's pictures stand in its staging buffer, by mip, and which atlas of the gallery they become.
@@ -51,7 +54,7 @@ const SURFACES: usize = 3;
 
 /// Whether one more character's impostors fit.
 ///
-/// Errors: [`RenderError::Limit`].
+/// Errors: [`RenderError::Limit`]; [`RenderError::BadCharacter`] where the others' pictures are blocks and these are not.
 pub(super) fn check(
     cx: &Context,
     name: &str,
@@ -60,6 +63,15 @@ pub(super) fn check(
 ) -> Result<(), RenderError> {
     let limits = &cx.capabilities;
     let atlas = &impostors.atlas;
+    if gallery.blocks && atlas.blocks.is_none() {
+        return Err(RenderError::BadCharacter {
+            character: name.into(),
+            place: "impostors".into(),
+            reason: "its pictures are not compressed, and those of the characters before it are: \
+                     bake all of them with --compress on, or none"
+                .into(),
+        });
+    }
     let texels = gallery.texels.len() as u64 + impostor::Gallery::block_size(impostors);
     let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
     let columns = impostor::Gallery::columns(gallery.atlas_count + 1);
@@ -94,24 +106,41 @@ pub(super) fn check(
     Ok(())
 }
 
-/// Stages a character's pictures for a square of the gallery.
-pub(super) fn stage_atlas(staging: &mut Staging, atlas: &Atlas, place: u32) -> AtlasCopies {
-    let mut copies = |pixels: &[[u8; 4]]| {
-        let mut copies = Vec::new();
-        let mut first = 0;
-        for mip in 0..atlas.mip_count {
-            let size = [(atlas.width >> mip).max(1), (atlas.height >> mip).max(1)];
-            let count = size[0] as usize * size[1] as usize;
+/// Stages a character's pictures for a square of the gallery, as blocks or as texels.
+pub(super) fn stage_atlas(
+    staging: &mut Staging,
+    atlas: &Atlas,
+    place: u32,
+    blocks: bool,
+) -> AtlasCopies {
+    let mut texels = |pixels: &[[u8; 4]]| -> Vec<_> {
+        let mips = (0..atlas.mip_count).map(|mip| {
+            let (width, height, first) = atlas.mip(mip);
+            let count = width as usize * height as usize;
             let offset = staging.push(&pixels[first..][..count]);
-            copies.push(resident::copy(offset, mip, size, 0));
-            first += count;
+            resident::copy(offset, mip, [width, height], 0)
+        });
+        mips.collect()
+    };
+    let (colors, surfaces) = match &atlas.blocks {
+        Some(all) if blocks => {
+            let mut whole = |blocks: &[Block]| -> Vec<_> {
+                let mips = (0..atlas.mip_count).map(|mip| {
+                    let (columns, rows, first) = atlas.block_mip(mip);
+                    let count = columns as usize * rows as usize;
+                    let offset = staging.push(&blocks[first..][..count]);
+                    resident::copy(offset, mip, [4 * columns, 4 * rows], 0)
+                });
+                mips.collect()
+            };
+            (whole(&all.color), whole(&all.surface))
         }
-        copies
+        _ => (texels(&atlas.color), texels(&atlas.surface)),
     };
     AtlasCopies {
         atlas: place,
-        colors: copies(&atlas.color),
-        surfaces: copies(&atlas.surface),
+        colors,
+        surfaces,
     }
 }
 
@@ -177,7 +206,10 @@ impl Gallery {
         let (halves, sides) = (F::R16G16B16A16_SFLOAT, cells.len() as u32);
         let (plain, cubes) = ((ImageShape::Plain, 1), (ImageShape::CubeArray, sides));
         let (table, pictures) = ([GALLERY_ROW_TEXELS, rows], [width, height]);
-        let (bytes, mips) = (F::R8G8B8A8_UNORM, tables.mip_count);
+        let (bytes, mips) = match tables.blocks {
+            true => (F::BC7_UNORM_BLOCK, tables.mip_count),
+            false => (F::R8G8B8A8_UNORM, tables.mip_count),
+        };
         for (name, format, size, mips, (shape, layers)) in [
             ("impostors' table", F::R32G32B32A32_SFLOAT, table, 1, plain),
             ("impostors' cells", halves, [CUBE_SIZE; 2], 1, cubes),
@@ -189,6 +221,10 @@ impl Gallery {
             desc.usage |= vk::ImageUsageFlags::TRANSFER_SRC;
             self.images.push(cx.create_image(name, &desc)?);
         }
+        let empty = tables.blocks.then(|| {
+            let squares = (tables.side / 4) as usize;
+            staging.push(&vec![bc7::ZERO; squares * squares])
+        });
         let mut buffer = cx.create_buffer(
             "impostors' staging",
             staging.bytes.len() as u64,
@@ -200,6 +236,7 @@ impl Gallery {
             buffer,
             table: table_copies,
             cells,
+            empty,
             indices: vk::BufferCopy {
                 src_offset: index_offset,
                 dst_offset: 0,
@@ -220,6 +257,20 @@ impl Gallery {
         vk::Offset3D { x, y, z: 0 }
     }
 
+    /// Copies of the square that shows nothing to all squares of a mip.
+    fn empty(
+        &self,
+        offset: u64,
+        mip: u32,
+        image: &Image,
+    ) -> impl Iterator<Item = vk::BufferImageCopy> {
+        let count = self.columns * (image.extent.height / self.side);
+        (0..count).map(move |square| vk::BufferImageCopy {
+            image_offset: self.origin(square, mip),
+            ..resident::copy(offset, mip, [self.side >> mip; 2], 0)
+        })
+    }
+
     /// Records what fills the gallery: the atlases of the one before it, and the pictures of new characters from their staging
     /// buffers. Outside rendering; a barrier from transfers to everything that reads has to follow.
     pub fn record(
@@ -237,8 +288,19 @@ impl Gallery {
             let image = &self.images[place];
             c.image_barrier(image, FRESH, FILLING, color);
             // What no atlas covers is filtered into the edges of those beside it.
-            c.clear_image(image);
-            c.image_barrier(image, FILLING, FILLING, color);
+            match staged.empty {
+                Some(offset) => {
+                    let squares = (0..image.mips).flat_map(|mip| self.empty(offset, mip, image));
+                    c.copy_to_image(&staged.buffer, image, &squares.collect::<Vec<_>>());
+                }
+                None => c.clear_image(image),
+            }
+            // The copies do not overlap, but the validation layer takes blocks for larger than they are: so each waits for
+            // the one before it, for any memory and not for this picture's.
+            let in_order = |c: &mut Commands| {
+                c.barrier(Access::TransferWrite, &[Access::TransferWrite]);
+            };
+            in_order(c);
             if let Some(before) = before {
                 use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
                 let from = &before.images[place];
@@ -252,6 +314,7 @@ impl Gallery {
                     })
                 });
                 c.copy_image(from, image, copies);
+                in_order(c);
             }
             for (staging, copies) in new {
                 let mips = match place {
@@ -263,6 +326,7 @@ impl Gallery {
                     ..*copy
                 });
                 c.copy_to_image(staging, image, &mips.collect::<Vec<_>>());
+                in_order(c);
             }
             c.image_barrier(image, FILLING, READABLE, color);
         }

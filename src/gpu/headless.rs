@@ -31,6 +31,9 @@ pub struct HeadlessDesc {
     pub validation: bool,
     /// Keeps the instance lists for [`Headless::selection`]: for tests.
     pub keep_lists: bool,
+    /// Impostors' pictures that were baked in blocks stay in them on CPU drivers, too, which then take five times as long for a
+    /// frame, because they decode a block for every texel that they look up: for tests. GPUs always keep them.
+    pub block_textures: bool,
 }
 
 impl Default for HeadlessDesc {
@@ -40,6 +43,7 @@ impl Default for HeadlessDesc {
             size_px: [1024, 768],
             validation: false,
             keep_lists: false,
+            block_textures: false,
         }
     }
 }
@@ -72,7 +76,7 @@ impl Headless {
     /// Errors: [`RenderError::NoVulkan`], [`RenderError::NoSuchDevice`], and those of [`Renderer::new`].
     pub fn new(desc: &HeadlessDesc) -> Result<Self, RenderError> {
         let mut core = OwnDevice::new_instance(wants_validation(desc))?;
-        core.make_device(desc.device.as_deref(), COLOR, DEPTH)?;
+        core.make_device(desc.device.as_deref(), [COLOR, DEPTH], desc.block_textures)?;
         if core.software {
             tune_allocator_for_cpu();
         }
@@ -82,7 +86,7 @@ impl Headless {
             device: core.device(),
             queue_family: core.queue_family,
             debug_utils: core.messenger.is_some(),
-            pipeline_statistics: core.pipeline_statistics,
+            optional: core.optional,
         };
         let renderer_desc = RendererDesc {
             name: "throng",

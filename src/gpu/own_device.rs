@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use ash::vk;
 
-use super::requirements;
+use super::requirements::{self, OptionalFeatures};
 use crate::error::RenderError;
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -24,7 +24,7 @@ pub(super) struct OwnDevice {
     pub(super) physical_device: vk::PhysicalDevice,
     pub(super) queue_family: u32,
     pub(super) software: bool,
-    pub(super) pipeline_statistics: bool,
+    pub(super) optional: OptionalFeatures,
     /// The device clips at shaders' own distances, which only the capture stage needs.
     pub(super) clip_distance: bool,
 }
@@ -113,7 +113,7 @@ impl OwnDevice {
             physical_device: vk::PhysicalDevice::null(),
             queue_family: 0,
             software: false,
-            pipeline_statistics: false,
+            optional: OptionalFeatures::default(),
             clip_distance: false,
         };
         if validation {
@@ -165,12 +165,13 @@ impl OwnDevice {
             .collect())
     }
 
-    /// Makes the device that `wanted` names, or the best there is, if it can draw into these formats.
+    /// Makes the device that `wanted` names, or the best there is, if it can draw into these formats of colour and depth.
+    /// `block_textures`: CPU drivers, too, get them.
     pub(super) fn make_device(
         &mut self,
         wanted: Option<&str>,
-        color: vk::Format,
-        depth: vk::Format,
+        [color, depth]: [vk::Format; 2],
+        block_textures: bool,
     ) -> Result<(), RenderError> {
         let devices = self.devices()?;
         let available = || {
@@ -227,9 +228,10 @@ impl OwnDevice {
             color,
             depth,
         )?;
-        self.pipeline_statistics = supported.pipeline_statistics_query == vk::TRUE;
+        self.optional = OptionalFeatures::among(&supported);
+        self.optional.block_textures &= block_textures || !self.software;
         self.clip_distance = supported.shader_clip_distance == vk::TRUE;
-        let mut features = requirements::features(self.pipeline_statistics);
+        let mut features = requirements::features(self.optional);
         features.core = features.core.shader_clip_distance(self.clip_distance);
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(self.queue_family)

@@ -9,6 +9,7 @@ use super::context::Context;
 use super::gallery::{self, Gallery};
 use super::memory::Buffer;
 use super::pipeline::Pipelines;
+use super::requirements::OptionalFeatures;
 use super::resident::{self, Resident, Upload};
 use super::slot::{Shape, Slot, TableBuffers};
 use crate::error::RenderError;
@@ -30,8 +31,8 @@ pub struct DeviceHandles<'a> {
     pub queue_family: u32,
     /// The instance has `VK_EXT_debug_utils` enabled: objects get names.
     pub debug_utils: bool,
-    /// The device has `pipelineStatisticsQuery` enabled: reports count vertex-shader runs.
-    pub pipeline_statistics: bool,
+    /// Which of the optional features are enabled, too.
+    pub optional: OptionalFeatures,
 }
 
 /// What a renderer is made for.
@@ -202,11 +203,15 @@ impl Renderer {
         baked: &throng_bake::baked::Baked,
     ) -> Result<CharacterId, RenderError> {
         prepare::validate(baked)?;
-        let gallery = &self.tables.gallery;
+        let gallery = &mut self.tables.gallery;
         if let Some(impostors) = &baked.impostors {
+            if gallery.atlas_count == 0 {
+                let has_blocks = impostors.atlas.blocks.is_some();
+                gallery.blocks = has_blocks && self.cx.optional.block_textures;
+            }
             gallery::check(&self.cx, &baked.name, gallery, impostors)?;
         }
-        let atlas = gallery.atlas_count;
+        let (atlas, blocks) = (gallery.atlas_count, gallery.blocks);
         let (resident, upload) = resident::make(
             &self.cx,
             &mut self.pipelines,
@@ -214,7 +219,7 @@ impl Renderer {
             self.residents.len(),
             self.tables.bands.len() as u32,
             self.tables.submeshes.len() as u32,
-            atlas,
+            (atlas, blocks),
         )?;
         self.residents.push(resident);
         self.uploads.push(upload);

@@ -19,15 +19,34 @@ pub struct Features {
     pub vulkan13: vk::PhysicalDeviceVulkan13Features<'static>,
 }
 
-/// The features that a host has to enable; `pipeline_statistics` asks for the optional one, which makes reports count
-/// vertex-shader runs.
-pub fn features(pipeline_statistics: bool) -> Features {
+/// Features that the library does without where a device has not got them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OptionalFeatures {
+    /// `pipelineStatisticsQuery`: reports count vertex-shader runs.
+    pub pipeline_statistics: bool,
+    /// `textureCompressionBC`: impostors' pictures that were baked in blocks stay in them, and take a quarter of the memory.
+    pub block_textures: bool,
+}
+
+impl OptionalFeatures {
+    /// Those of them that a device has.
+    pub fn among(core: &vk::PhysicalDeviceFeatures) -> Self {
+        Self {
+            pipeline_statistics: core.pipeline_statistics_query == vk::TRUE,
+            block_textures: core.texture_compression_bc == vk::TRUE,
+        }
+    }
+}
+
+/// The features that a host has to enable, and those of the optional ones that it likes to.
+pub fn features(optional: OptionalFeatures) -> Features {
     Features {
         core: vk::PhysicalDeviceFeatures::default()
             .image_cube_array(true)
             .multi_draw_indirect(true)
             .draw_indirect_first_instance(true)
-            .pipeline_statistics_query(pipeline_statistics),
+            .pipeline_statistics_query(optional.pipeline_statistics)
+            .texture_compression_bc(optional.block_textures),
         vulkan13: vk::PhysicalDeviceVulkan13Features::default()
             .dynamic_rendering(true)
             .synchronization2(true),

@@ -100,7 +100,8 @@ pub(super) fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::Buf
     }
 }
 
-/// Makes a validated character's objects; the upload fills them. `atlas` is the place of its impostors in the gallery.
+/// Makes a validated character's objects; the upload fills them. `atlas` is the place of its impostors in the gallery, and
+/// whether they are blocks there.
 pub(crate) fn make(
     cx: &Context,
     pipelines: &mut Pipelines,
@@ -108,7 +109,7 @@ pub(crate) fn make(
     character: usize,
     first_bin: u32,
     first_submesh: u32,
-    atlas: u32,
+    (place, blocks): (u32, bool),
 ) -> Result<(Resident, Upload), RenderError> {
     let draws = prepare::submesh_draws(baked);
     for draw in &draws {
@@ -178,7 +179,7 @@ pub(crate) fn make(
     )?;
     images.push(copies);
     let impostors = baked.impostors.as_ref();
-    let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, atlas));
+    let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, place, blocks));
 
     let quad_count = impostors.map_or(0, |i| i.quads.len() as u32);
     let mut indices = baked.indices.clone();

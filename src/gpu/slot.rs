@@ -318,7 +318,7 @@ impl Slot {
                     .query_count(Stamp::Count as u32 + self.hand_overs),
             )?;
         }
-        if cx.pipeline_statistics {
+        if cx.optional.pipeline_statistics {
             self.statistics = pool(
                 "statistics",
                 vk::QueryPoolCreateInfo::default()

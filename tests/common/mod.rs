@@ -177,6 +177,7 @@ pub fn baked_mascot_with_impostors() -> Baked {
             mip_count: 3,
             color: vec![[200, 120, 40, 255]; mips],
             surface: vec![[128, 128, 0, 128]; mips],
+            blocks: None,
         },
         view_sets,
     };

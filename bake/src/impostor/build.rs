@@ -43,7 +43,7 @@ pub struct ImpostorOptions {
     pub quad_texels_per_height: f32,
     /// Most poses of a clip for `Quad`.
     pub quad_poses_per_clip: u32,
-    /// Most bytes of the atlas, all kinds and mips.
+    /// Most bytes of the atlas, all kinds and mips, before it is compressed.
     pub memory_limit_bytes: u64,
     /// Poses that decide what a group shows beyond its own surface; 0 for weights alone.
     pub mask_samples: u32,
@@ -51,6 +51,8 @@ pub struct ImpostorOptions {
     pub supersample: u32,
     /// Mips of the atlas.
     pub mip_count: u32,
+    /// The atlas is kept in blocks, at a quarter of the bytes that `memory_limit_bytes` is about.
+    pub compress: bool,
 }
 
 impl Default for ImpostorOptions {
@@ -69,6 +71,7 @@ impl Default for ImpostorOptions {
             mask_samples: 6,
             supersample: 4,
             mip_count: 2,
+            compress: false,
         }
     }
 }
@@ -233,6 +236,9 @@ pub fn build<E>(
     lean::lean_tiles(&mut out, &pictures);
     if out.atlas.size_bytes() > options.memory_limit_bytes {
         return Err(too_large);
+    }
+    if options.compress {
+        out.atlas.compress();
     }
     progress(1.0);
     Ok(Built {

@@ -4,7 +4,9 @@ use bytemuck::Pod;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Atlas, Impostors, KindInfo, PoseRange, Quad, ViewSet};
+use super::blocks::Blocks;
+use super::{Atlas, Impostors, KindInfo, PoseRange, Quad, ViewSet, validate};
+use crate::bc7::Block;
 
 /// Everything that is not a large array.
 #[derive(Serialize, Deserialize)]
@@ -17,6 +19,9 @@ pub(crate) struct ImpostorMeta {
     clip_poses: Vec<PoseRange>,
     atlas_size: [u32; 2],
     atlas_mips: u32,
+    /// Colour and surface are blocks.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    atlas_blocks: bool,
 }
 
 /// Sections of impostors: directions and right axes, cells, tiles, colour, surface.
@@ -32,18 +37,24 @@ pub(crate) fn split(impostors: &Impostors) -> (ImpostorMeta, [Vec<u8>; 5]) {
         clip_poses: impostors.clip_poses.clone(),
         atlas_size: [impostors.atlas.width, impostors.atlas.height],
         atlas_mips: impostors.atlas.mip_count,
+        atlas_blocks: impostors.atlas.blocks.is_some(),
     };
     let axes: Vec<Vec3> = sets
         .iter()
         .flat_map(|s| [&s.directions[..], &s.rights].concat())
         .collect();
     let cells: Vec<[u16; 4]> = sets.iter().flat_map(|s| s.cells.clone()).collect();
+    let atlas = &impostors.atlas;
+    let [color, surface] = match &atlas.blocks {
+        Some(blocks) => [&blocks.color, &blocks.surface].map(|b| bytemuck::cast_slice(b).to_vec()),
+        None => [&atlas.color, &atlas.surface].map(|p| bytemuck::cast_slice(p).to_vec()),
+    };
     let arrays = [
         bytemuck::cast_slice(&axes).to_vec(),
         bytemuck::cast_slice(&cells).to_vec(),
         bytemuck::cast_slice(&impostors.tiles).to_vec(),
-        bytemuck::cast_slice(&impostors.atlas.color).to_vec(),
-        bytemuck::cast_slice(&impostors.atlas.surface).to_vec(),
+        color,
+        surface,
     ];
     (meta, arrays)
 }
@@ -85,20 +96,51 @@ pub(crate) fn join(
         });
     }
     view_sets.reverse();
+    let mut atlas = Atlas {
+        width: meta.atlas_size[0],
+        height: meta.atlas_size[1],
+        mip_count: meta.atlas_mips,
+        ..Atlas::default()
+    };
+    match meta.atlas_blocks {
+        true => show_blocks(&mut atlas, array(color, 3)?, array(surface, 4)?)?,
+        false => (atlas.color, atlas.surface) = (array(color, 3)?, array(surface, 4)?),
+    }
     Ok(Impostors {
         kinds: meta.kinds,
         quads: meta.quads,
         view_sets,
         clip_poses: meta.clip_poses,
         tiles: array(tiles, 2)?,
-        atlas: Atlas {
-            width: meta.atlas_size[0],
-            height: meta.atlas_size[1],
-            mip_count: meta.atlas_mips,
-            color: array(color, 3)?,
-            surface: array(surface, 4)?,
-        },
+        atlas,
     })
+}
+
+/// Gives an atlas its blocks, and the pixels that they decode to.
+fn show_blocks(
+    atlas: &mut Atlas,
+    color: Vec<Block>,
+    surface: Vec<Block>,
+) -> Result<(), (&'static str, String)> {
+    // Before anything is as large as it says.
+    validate::size(atlas).map_err(|(place, reason)| (SECTIONS[3], format!("{place}: {reason}")))?;
+    let count = atlas.block_mip(atlas.mip_count).2;
+    for (section, blocks) in [(3, &color), (4, &surface)] {
+        if blocks.len() != count {
+            let reason = format!(
+                "it has {} blocks, and the atlas's size needs {count}",
+                blocks.len()
+            );
+            return Err((SECTIONS[section], reason));
+        }
+    }
+    let blocks = Blocks { color, surface };
+    atlas.show(&blocks).map_err(|(picture, index)| {
+        let reason = format!("block {index} has a mode that no baked character has");
+        (SECTIONS[3 + picture], reason)
+    })?;
+    atlas.blocks = Some(blocks);
+    Ok(())
 }
 
 fn array<T: Pod>(payload: &[u8], section: usize) -> Result<Vec<T>, (&'static str, String)> {

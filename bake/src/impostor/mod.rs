@@ -11,6 +11,7 @@
 //!
 //! Source: Izquierdo 2014, §3.1.3 and §4.2; the Voronoi cells are exact here, and hold three neighbours for blending.
 
+pub mod blocks;
 pub mod build;
 pub mod capture;
 mod clip_poses;
@@ -27,6 +28,7 @@ pub mod tint;
 pub(crate) mod validate;
 pub mod views;
 
+use blocks::Blocks;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -158,12 +160,17 @@ pub struct Atlas {
     /// Normal along right and up (128 is 0, 1 and 255 are -1 and 1), body part in bits 0-5 with its tint rule in bits 6-7,
     /// and depth towards the eye (0 and 255 are the far and the near end of the quad's extent). As `color`.
     pub surface: Vec<[u8; 4]>,
+    /// The same in blocks, where the bake was asked for them; `color` and `surface` are then what they decode to.
+    pub blocks: Option<Blocks>,
 }
 
 impl Atlas {
-    /// Bytes of both pictures, all mips, as they are.
+    /// Bytes of both pictures, all mips, as the file and a device that reads blocks have them.
     pub fn size_bytes(&self) -> u64 {
-        ((self.color.len() + self.surface.len()) * 4) as u64
+        match &self.blocks {
+            Some(blocks) => blocks.size_bytes(),
+            None => ((self.color.len() + self.surface.len()) * 4) as u64,
+        }
     }
 
     /// Columns, rows and the first texel of a mip in `color` and `surface`.

@@ -19,6 +19,15 @@ pub(super) fn mean_of_tints(color: Vec3, part: u8) -> Vec3 {
     }
 }
 
+/// How far an agent's tint of a body part is from 1, the mean square: none, little, much.
+pub(super) fn spread(part: u8) -> f32 {
+    match part >> 6 {
+        0 => 0.0,
+        1 => 0.03,
+        _ => 0.5,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

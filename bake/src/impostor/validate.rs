@@ -1,5 +1,6 @@
 //! Checks impostors from an untrusted file: whatever passes can be uploaded and drawn.
 
+use super::blocks::Blocks;
 use super::groups::MAX_GROUPS;
 use super::pack::MAX_ATLAS_SIZE;
 use super::views::MAX_VIEWS;
@@ -32,7 +33,8 @@ fn check(ok: bool, place: impl FnOnce() -> String, reason: &str) -> Result<(), (
     }
 }
 
-fn atlas(a: &Atlas) -> Result<(), (String, String)> {
+/// Whether an atlas has a size that the other checks, and memory, allow.
+pub(super) fn size(a: &Atlas) -> Result<(), (String, String)> {
     let place = || "atlas".to_string();
     let mips = (1..=MAX_MIPS).contains(&a.mip_count);
     check(mips, place, "its mips are not from 1 to 8")?;
@@ -42,12 +44,24 @@ fn atlas(a: &Atlas) -> Result<(), (String, String)> {
         side(a.width) && side(a.height),
         place,
         "its size is not valid",
-    )?;
+    )
+}
+
+fn atlas(a: &Atlas) -> Result<(), (String, String)> {
+    size(a)?;
+    let place = || "atlas".to_string();
     let texels = a.mip(a.mip_count).2;
     check(
         a.color.len() == texels && a.surface.len() == texels,
         place,
         "its pixels and its size differ",
+    )?;
+    let count = a.block_mip(a.mip_count).2;
+    let whole = |b: &Blocks| b.color.len() == count && b.surface.len() == count;
+    check(
+        a.blocks.as_ref().is_none_or(whole),
+        place,
+        "its blocks and its size differ",
     )
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use throng_bake::baked::Baked;
 use throng_bake::file::{from_bytes, to_bytes};
+use throng_bake::impostor::blocks::Blocks;
 use throng_bake::impostor::build::ImpostorOptions;
 use throng_bake::impostor::{ErrorSample, Impostors};
 use throng_bake::sliding_tris::BandForm;
@@ -49,11 +50,75 @@ fn impostors_come_back_as_they_were() {
 }
 
 #[test]
+fn blocks_take_a_quarter_and_come_back_as_they_were() {
+    let plain = sheets();
+    let mut baked = plain.clone();
+    let atlas = &mut baked.impostors.as_mut().unwrap().atlas;
+    atlas.compress();
+    let before = &plain.impostors.as_ref().unwrap().atlas;
+    let share = before.size_bytes() as f64 / atlas.size_bytes() as f64;
+    assert!((3.9..=4.0).contains(&share), "{share}");
+    // What shows stays near: colours and coverage on average, and body parts but for a few.
+    let shown = before.color.iter().filter(|c| c[3] > 0).count() as f64;
+    let mut sum = 0.0;
+    for (a, b) in before.color.iter().zip(&atlas.color) {
+        let squares = a
+            .iter()
+            .zip(b)
+            .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+        sum += if a[3] > 0 {
+            squares.sum::<f64>() / 4.0
+        } else {
+            0.0
+        };
+    }
+    assert!((sum / shown).sqrt() < 12.0, "{}", (sum / shown).sqrt());
+    let texels = before
+        .color
+        .iter()
+        .zip(before.surface.iter().zip(&atlas.surface));
+    let wrong = texels
+        .filter(|(c, (a, b))| c[3] > 0 && a[2] != b[2])
+        .count() as f64;
+    assert!(wrong / shown < 0.02, "{}", wrong / shown);
+
+    let bytes = to_bytes(&baked);
+    assert_eq!(from_bytes(Path::new("x"), &bytes).unwrap(), baked);
+}
+
+#[test]
+fn broken_blocks_are_named() {
+    type Break = fn(&mut Blocks, &mut [u32; 2]);
+    let broken: [(&str, Break); 4] = [
+        ("ICOL: block 3 has a mode", |b, _| b.color[3].0 = [1; 16]),
+        ("ISUR: block 0 has a mode", |b, _| b.surface[0].0 = [0; 16]),
+        ("ISUR: it has", |b, _| b.surface.truncate(7)),
+        ("ICOL: impostors, atlas: its size", |_, size| {
+            *size = [1 << 31, 64]
+        }),
+    ];
+    for (words, break_it) in broken {
+        let mut baked = sheets();
+        let atlas = &mut baked.impostors.as_mut().unwrap().atlas;
+        atlas.compress();
+        let mut size = [atlas.width, atlas.height];
+        break_it(atlas.blocks.as_mut().unwrap(), &mut size);
+        [atlas.width, atlas.height] = size;
+        let error = from_bytes(Path::new("x"), &to_bytes(&baked))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    }
+}
+
+#[test]
 fn senseless_impostors_never_panic_and_what_passes_is_valid() {
-    let bytes = to_bytes(&sheets());
+    let mut compressed = sheets();
+    compressed.impostors.as_mut().unwrap().atlas.compress();
+    let files = [to_bytes(&sheets()), to_bytes(&compressed)];
     let mut random = Random(5);
-    for _ in 0..1500 {
-        let mut broken = bytes.clone();
+    for i in 0..1500 {
+        let mut broken = files[i % 2].clone();
         for _ in 0..1 + random.below(3) {
             // Half of them in the records, where the counts are.
             let range = if random.below(2) == 0 {
