@@ -54,6 +54,8 @@
 #define OCCLUDER_MARGIN 0.005
 // The last level of the pyramid over that depth; level 0 is the depth itself.
 #define PYRAMID_TOP 5
+// How many times the error may be that an agent's mesh has, where others hide most of it.
+#define OPEN_ERROR_MAX 3.0
 // The most texels of a level that a test looks at.
 #define TEST_COLUMNS 16
 #define TEST_ROWS 32

@@ -85,9 +85,9 @@ Seen AndPoint(Viewed v, Seen seen, float4 clip)
     return seen;
 }
 
-// Occluders cover everything that is seen there. The texels of the finest level of which few enough hold it decide; whatever
-// needs larger ones than there are, or crosses the near plane, is not hidden.
-bool IsCovered(Viewed v, Seen seen)
+// Share of what is seen there that no occluder covers; 0 is hidden. The texels of the finest level of which few enough hold it
+// decide; whatever needs larger ones than there are, or crosses the near plane, is all open.
+float OpenShare(Viewed v, Seen seen)
 {
     float2 size = float2(v.size_px);
     float2 low = (float2(seen.low.x, -seen.high.y) * 0.5 + 0.5) * size;
@@ -102,25 +102,26 @@ bool IsCovered(Viewed v, Seen seen)
         uint2 span = (last >> (PYRAMID_TOP - l)) - (first >> (PYRAMID_TOP - l));
         level = span.x < TEST_COLUMNS && span.y < TEST_ROWS ? PYRAMID_TOP - l : level;
     }
-    bool covered = level <= PYRAMID_TOP && seen.w_min > v.near;
+    bool decided = level <= PYRAMID_TOP && seen.w_min > v.near;
     level = min(level, PYRAMID_TOP);
     first = first >> level;
     last = last >> level;
     uint start = LevelStart(v.padded.x * v.padded.y, level);
     uint pitch = v.padded.x >> level;
-    // From the top, because a head is what shows first.
-    for (uint y = first.y; y <= last.y && covered; y++)
+    float open = 0.0;
+    for (uint y = first.y; y <= last.y && decided; y++)
     {
         for (uint x = first.x; x <= last.x; x++)
         {
-            covered = covered && seen.nearest > pyramid[start + y * pitch + x];
+            open += seen.nearest > pyramid[start + y * pitch + x] ? 0.0 : 1.0;
         }
     }
-    return covered;
+    uint2 span = last - first + 1u;
+    return decided ? open / float(span.x * span.y) : 1.0;
 }
 
-// An agent's bounds, whatever its clips do.
-bool IsBodyHidden(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1)
+// Of an agent's bounds, whatever its clips do.
+float OpenShareOfBody(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1)
 {
     float3 low = min(clip0.box_center - clip0.box_half_extent, clip1.box_center - clip1.box_half_extent);
     float3 high = max(clip0.box_center + clip0.box_half_extent, clip1.box_center + clip1.box_half_extent);
@@ -141,7 +142,14 @@ bool IsBodyHidden(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1)
     seen = AndPoint(v, seen, middle + x - y + z);
     seen = AndPoint(v, seen, middle - x + y + z);
     seen = AndPoint(v, seen, middle + x + y + z);
-    return IsCovered(v, seen);
+    return OpenShare(v, seen);
+}
+
+// How many times the error may be that an agent's mesh has, of which a share is open: the less of it shows, the less of the
+// picture is off, but the same triangles are paid for.
+float OpenErrorFactor(float open)
+{
+    return min(1.0 / sqrt(max(open, 1e-3)), OPEN_ERROR_MAX);
 }
 
 // The contact shadow, if there is one: a square on the ground that looks at the camera.
@@ -159,7 +167,7 @@ bool IsShadowHidden(Viewed v, AgentState agent, float radius)
     seen = AndPoint(v, seen, middle - x + z);
     seen = AndPoint(v, seen, middle + x + z);
     bool there = v.shadows && radius > 0.0 && distance < 2.0 * SHADOW_FADE_RADII * radius;
-    return !there || IsCovered(v, seen);
+    return !there || OpenShare(v, seen) == 0.0;
 }
 
 #endif

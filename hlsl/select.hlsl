@@ -366,9 +366,11 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     bool occluded = false;
 #ifdef OCCLUSION
     Viewed viewed = LoadViewed();
-    occluded = visible && IsBodyHidden(viewed, agent, clip0, clip1)
+    float open = OpenShareOfBody(viewed, agent, clip0, clip1);
+    occluded = visible && open == 0.0
         && IsShadowHidden(viewed, agent, ShadowRadius(agent, character, clip0));
     visible = visible && !occluded;
+    error_per_metre *= OpenErrorFactor(open);
 #endif
     bool second = agent.blend > 0.5 && !still;
     uint pose = PoseAt(clip0, still ? 0.0 : agent.phase0);

@@ -180,7 +180,7 @@ impl Default for Light {
 pub struct FrameOptions {
     /// How the crowd is drawn.
     pub method: Method,
-    /// Largest error of a representation in pixels of the view's height, at least 0; `Full` and `Uninstanced` have none.
+    /// Largest error of a representation in pixels of the view's height, at least 0, of agents whom nobody hides; `Full` and `Uninstanced` have none.
     pub pixel_error: f32,
     /// False freezes every agent in its clips' first frame without interpolation or blending (paper figure 3a).
     pub animate: bool,
@@ -192,7 +192,8 @@ pub struct FrameOptions {
     pub shadows: bool,
     /// Draws the sky behind everything.
     pub sky: bool,
-    /// Leaves out agents whom nearer ones hide. `Full` and `Uninstanced`, to which others are compared, never do.
+    /// Leaves out agents whom nearer ones hide. Those of whom only a share shows may have `pixel_error` times the inverse of its
+    /// root, 3 at most, as meshes. `Full` and `Uninstanced`, to which others are compared, never do either.
     pub occlusion: bool,
     /// Light.
     pub light: Light,

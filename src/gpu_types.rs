@@ -68,6 +68,8 @@ pub const OCCLUDER_SLOPE_MAX: f32 = 0.05;
 pub const OCCLUDER_MARGIN: f32 = 0.005;
 /// Last level of the pyramid over it; level 0 is the depth itself.
 pub const PYRAMID_TOP: u32 = 5;
+/// How many times the error may be that an agent's mesh has, where others hide most of it.
+pub const OPEN_ERROR_MAX: f32 = 3.0;
 /// The most columns of texels that a test looks at.
 pub const TEST_COLUMNS: u32 = 16;
 /// The most rows.

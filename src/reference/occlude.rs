@@ -4,7 +4,8 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use crate::gpu_types::{
     AgentState, ClipInfo, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FrameConstants, OCCLUDER_MARGIN,
-    OCCLUDER_TEXEL_PX, PYRAMID_TOP, SHADOW_FADE_RADII, SHADOW_LIFT, TEST_COLUMNS, TEST_ROWS,
+    OCCLUDER_TEXEL_PX, OPEN_ERROR_MAX, PYRAMID_TOP, SHADOW_FADE_RADII, SHADOW_LIFT, TEST_COLUMNS,
+    TEST_ROWS,
 };
 
 /// Levels of farthest depth, from the first, one after the other; depths rise away from the eye.
@@ -66,17 +67,29 @@ impl Pyramid {
     }
 }
 
-/// Nothing of an agent can be seen: neither of its body, in whatever frame of its clips, nor of its contact shadow.
-pub fn is_hidden(
+/// Share of an agent's bounds, in whatever frame of its clips, that no occluder covers; 0 where neither its body nor its contact
+/// shadow can be seen, and at least the least float above it where only its shadow can.
+pub fn open_share(
     pyramid: &Pyramid,
     frame: &FrameConstants,
     agent: &AgentState,
     clips: [&ClipInfo; 2],
     shadow_radius: f32,
-) -> bool {
-    is_covered(pyramid, frame, &body_corners(agent, clips))
-        && shadow_corners(frame, agent, shadow_radius)
-            .is_none_or(|corners| is_covered(pyramid, frame, &corners))
+) -> f32 {
+    let body = share_of(pyramid, frame, &body_corners(agent, clips));
+    let shadow_shows = || {
+        shadow_corners(frame, agent, shadow_radius)
+            .is_some_and(|corners| share_of(pyramid, frame, &corners) > 0.0)
+    };
+    match body == 0.0 && shadow_shows() {
+        true => f32::MIN_POSITIVE,
+        false => body,
+    }
+}
+
+/// How many times the error may be that an agent's mesh has, of which a share is open.
+pub fn open_error_factor(open: f32) -> f32 {
+    (1.0 / open.max(1e-3).sqrt()).min(OPEN_ERROR_MAX)
 }
 
 /// Corners of a box that holds both clips.
@@ -112,8 +125,8 @@ fn shadow_corners(frame: &FrameConstants, agent: &AgentState, radius: f32) -> Op
     there.then(|| corners.map(corner).to_vec())
 }
 
-/// Occluders cover the rectangle of the picture that holds `points`, and are in front of all of them.
-fn is_covered(pyramid: &Pyramid, frame: &FrameConstants, points: &[Vec3]) -> bool {
+/// Share of the rectangle of the picture that holds `points` where no occluder is in front of all of them.
+fn share_of(pyramid: &Pyramid, frame: &FrameConstants, points: &[Vec3]) -> f32 {
     let clip_from_world = Mat4::from_cols_array_2d(&frame.clip_from_world);
     let eye = clip_from_world * Vec3::from(frame.eye).extend(1.0);
     let sign = if frame.flags & FLAG_REVERSED_DEPTH != 0 {
@@ -134,7 +147,7 @@ fn is_covered(pyramid: &Pyramid, frame: &FrameConstants, points: &[Vec3]) -> boo
     };
     let nearest = clips.iter().map(depth).fold(f32::MAX, f32::min);
     if clips.iter().any(|c| c.w <= frame.near) {
-        return false;
+        return 1.0;
     }
     let size = Vec2::new(frame.width_px as f32, frame.height_px as f32);
     let texel = |ndc: Vec2, round: fn(Vec2) -> Vec2| {
@@ -148,10 +161,17 @@ fn is_covered(pyramid: &Pyramid, frame: &FrameConstants, points: &[Vec3]) -> boo
         (last[0] >> l) - (first[0] >> l) < TEST_COLUMNS
             && (last[1] >> l) - (first[1] >> l) < TEST_ROWS
     });
-    let Some(level) = level else { return false };
-    let covering = (first[1] >> level..=last[1] >> level)
+    let Some(level) = level else { return 1.0 };
+    let texels = (first[1] >> level..=last[1] >> level)
         .flat_map(|y| (first[0] >> level..=last[0] >> level).map(move |x| (x, y)));
-    covering.fold(f32::MIN, |far, (x, y)| far.max(pyramid.at(level, x, y))) < nearest
+    let (mut open, mut all) = (0.0, 0.0);
+    for (x, y) in texels {
+        all += 1.0;
+        if nearest <= pyramid.at(level, x, y) {
+            open += 1.0;
+        }
+    }
+    open / all
 }
 
 #[cfg(test)]
@@ -220,7 +240,7 @@ mod tests {
                     ..crate::Agent::default()
                 };
                 let agent = AgentState::from(&agent);
-                is_hidden(&pyramid, &frame, &agent, [&clip; 2], shadow_radius)
+                open_share(&pyramid, &frame, &agent, [&clip; 2], shadow_radius) == 0.0
             };
             assert!(hidden(0.0, -8.0, 0.0) && hidden(-3.0, -5.0, 0.4));
             assert!(!hidden(0.0, -3.0, 0.0), "in front of it");
@@ -229,6 +249,16 @@ mod tests {
             assert!(!hidden(0.0, 0.0, 0.0), "around the eye");
             // The wall ends at 60 % of the right half: 4.06 m at a distance of 8.
             assert!(hidden(3.6, -8.0, 0.2), "its shadow is hidden, too");
+            // Half of it is behind the wall, and the error may grow by the root of two.
+            let agent = AgentState::from(&crate::Agent {
+                position: Vec3::new(4.06, 0.0, -8.0),
+                ..crate::Agent::default()
+            });
+            let open = open_share(&pyramid, &frame, &agent, [&clip; 2], 0.0);
+            assert!((open - 0.5).abs() < 0.1, "{open}");
+            assert!((open_error_factor(0.5) - 2f32.sqrt()).abs() < 1e-6);
+            assert_eq!(open_error_factor(1.0), 1.0);
+            assert_eq!(open_error_factor(0.0), OPEN_ERROR_MAX);
             assert!(!hidden(3.6, -8.0, 1.0), "its shadow shows");
         }
     }

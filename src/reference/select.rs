@@ -8,7 +8,7 @@ use crate::gpu_types::{
     SKINNING_ERROR_SHARE, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
-use crate::reference::occlude::{Pyramid, is_hidden};
+use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
 
 /// What the stage writes.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -28,7 +28,7 @@ pub struct Selection {
 }
 
 /// The whole stage for `agents`, which name only characters and clips of `tables`; `ranges` are [`Tables::ranges`]. With a
-/// pyramid, without those whom its occluders hide.
+/// pyramid, without those whom its occluders hide, and with coarser meshes of those of whom they hide most.
 pub fn select(
     tables: &Tables,
     ranges: &[RangeInfo],
@@ -43,8 +43,9 @@ pub fn select(
             continue;
         };
         let shadow_radius = shadow_radius(tables, agent);
-        let hidden = |p| is_hidden(p, frame, agent, clips_of(tables, agent), shadow_radius);
-        if pyramid.is_some_and(hidden) {
+        let share = |p| open_share(p, frame, agent, clips_of(tables, agent), shadow_radius);
+        let open = pyramid.map_or(1.0, share);
+        if open == 0.0 {
             selection.occluded += 1;
             continue;
         }
@@ -54,7 +55,7 @@ pub fn select(
         let lod_error = if frame.flags & FLAG_FULL_DETAIL != 0 {
             -1.0
         } else {
-            frame.error_per_metre * distance / agent.scale
+            frame.error_per_metre * open_error_factor(open) * distance / agent.scale
         };
         let instance = make_instance(tables, index as u32, agent, lod_error, still);
         let submeshes = &tables.submeshes[character.first_submesh as usize..]
