@@ -290,3 +290,20 @@ fn representations_are_measured_by_height() {
     }
     assert!(refuse(&["bench", "ramos", "--plot", "a.svg"]).contains("--plot"));
 }
+
+#[test]
+fn frames_are_streamed() {
+    let (said, results) = bench("stream", &["--agents", "60", "--runs", "10"]);
+    assert!(said.contains("frames in flight"), "{said}");
+    let rows = results["rows"].as_array().unwrap();
+    let in_flight: Vec<_> = rows
+        .iter()
+        .filter_map(|r| r["in_flight"].as_u64())
+        .collect();
+    assert_eq!(in_flight, [1, 2, 3]);
+    for row in rows {
+        let each = row["frame_ms_each"].as_array().unwrap();
+        assert_eq!(each.len(), 10);
+        assert!(each.iter().all(|ms| ms.as_f64().is_some_and(|ms| ms > 0.0)));
+    }
+}

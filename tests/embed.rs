@@ -523,3 +523,41 @@ const TRIANGLE_PS: [u32; 111] = [
 12, 0, 458796, 7, 13, 11, 12, 12, 11, 262176, 16, 3, 7, 262203, 16, 17, 3, 327734, 2, 4, 0, 3, 131320, 5,
 262201, 7, 18, 9, 196670, 17, 18, 65789, 65592, 327734, 7, 9, 0, 8, 131320, 10, 131326, 13, 65592,
 ];
+
+/// Frames overlap without hazards, and what is refused in one leaves nothing pending.
+#[test]
+fn frames_stream() {
+    let mut headless = throng::gpu::Headless::new(&throng::gpu::HeadlessDesc {
+        size_px: [96, 64],
+        validation: true,
+        frames_in_flight: 3,
+        ..Default::default()
+    })
+    .expect("a device");
+    let id = headless
+        .add_character(&common::baked_mascot_with_impostors())
+        .expect("it uploads");
+    let view = view([96, 64]);
+    let frame = |count| (crowd(count, &[id]), view);
+    let frames: Vec<_> = [50, 300, 7, 0, 120, 90, 1000].map(frame).into();
+    let hybrid = options(throng::Method::Hybrid);
+    for in_flight in 1..=3 {
+        let ms = headless
+            .stream(&frames, &hybrid, in_flight)
+            .expect("frames");
+        assert_eq!(ms.len(), frames.len());
+    }
+    let mut bad = frames.clone();
+    bad[4].0[0].scale = 0.0;
+    assert!(headless.stream(&bad, &hybrid, 2).is_err());
+    assert!(headless.stream(&frames, &hybrid, 4).is_err());
+    assert!(headless.stream(&frames, &hybrid, 0).is_err());
+    headless
+        .stream(&frames, &hybrid, 2)
+        .expect("the next frames");
+    // A single frame has slots of its own to reuse.
+    headless
+        .render(&frames[0].0, &view, &hybrid)
+        .expect("a frame");
+    common::assert_silent(&headless);
+}

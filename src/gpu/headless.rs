@@ -31,6 +31,8 @@ pub struct HeadlessDesc {
     pub validation: bool,
     /// Keeps the instance lists for [`Headless::selection`]: for tests.
     pub keep_lists: bool,
+    /// The most frames that [`Headless::stream`] draws at once, 1 to 64; [`Headless::render`] draws one.
+    pub frames_in_flight: u32,
     /// Impostors' pictures that were baked in blocks stay in them on CPU drivers, too, which then take five times as long for a
     /// frame, because they decode a block for every texel that they look up: for tests. GPUs always keep them.
     pub block_textures: bool,
@@ -43,12 +45,13 @@ impl Default for HeadlessDesc {
             size_px: [1024, 768],
             validation: false,
             keep_lists: false,
+            frames_in_flight: 1,
             block_textures: false,
         }
     }
 }
 
-/// Renders frames one at a time and waits for each.
+/// Renders frames one at a time and waits for each, or streams them.
 pub struct Headless {
     // Dropped by `Drop` in this order; `None` only there.
     pub(super) renderer: Option<Renderer>,
@@ -57,7 +60,7 @@ pub struct Headless {
 }
 
 /// The offscreen attachments.
-struct Target {
+pub(super) struct Target {
     size_px: [u32; 2],
     color: Image,
     depth: Image,
@@ -90,7 +93,7 @@ impl Headless {
         };
         let renderer_desc = RendererDesc {
             name: "throng",
-            frames_in_flight: 1,
+            frames_in_flight: desc.frames_in_flight,
             agent_capacity: 4 << 20,
             color_format: COLOR,
             depth_format: DEPTH,
@@ -199,7 +202,7 @@ impl Headless {
             let recorded = (|| {
                 renderer.record_uploads(core.cmd)?;
                 renderer.record_select(core.cmd, 0, view, options)?;
-                target.begin_rendering(core, renderer);
+                target.begin_rendering(core.cmd, core.device(), renderer);
                 let drawn = renderer.record_draw(core.cmd, 0);
                 core.device().cmd_end_rendering(core.cmd);
                 drawn
@@ -211,6 +214,11 @@ impl Headless {
         unsafe { renderer.report_into(0, report) }?;
         report.frame_ms = Some(start.elapsed().as_secs_f64() * 1e3);
         Ok(())
+    }
+
+    /// Size of the target.
+    pub(super) fn size_px(&self) -> Result<[u32; 2], RenderError> {
+        self.target.as_ref().map(|t| t.size_px).ok_or_else(dropped)
     }
 
     /// Draws what `record` records into the target and waits for it.
@@ -233,7 +241,7 @@ impl Headless {
         unsafe {
             let mut c = Commands::new(&renderer.cx, core.cmd);
             slot.reset_queries(&mut c);
-            target.begin_rendering(core, renderer);
+            target.begin_rendering(core.cmd, core.device(), renderer);
             record(renderer, &mut c);
             core.device().cmd_end_rendering(core.cmd);
         }
@@ -406,7 +414,7 @@ pub(super) fn dropped() -> RenderError {
 }
 
 impl Target {
-    fn new(renderer: &Renderer, size_px: [u32; 2]) -> Result<Self, RenderError> {
+    pub(super) fn new(renderer: &Renderer, size_px: [u32; 2]) -> Result<Self, RenderError> {
         use vk::ImageUsageFlags as U;
         let cx = &renderer.cx;
         let desc = ImageDesc {
@@ -460,16 +468,21 @@ impl Target {
         }
     }
 
-    fn destroy(self, renderer: &Renderer) {
+    pub(super) fn destroy(self, renderer: &Renderer) {
         renderer.cx.destroy_image(self.color);
         renderer.cx.destroy_image(self.depth);
         renderer.cx.destroy_buffer(self.readback);
     }
 
-    fn begin_rendering(&self, core: &OwnDevice, renderer: &Renderer) {
+    pub(super) fn begin_rendering(
+        &self,
+        cmd: vk::CommandBuffer,
+        device: &ash::Device,
+        renderer: &Renderer,
+    ) {
         use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
         // SAFETY: the command buffer is recording and outside rendering.
-        let mut c = unsafe { Commands::new(&renderer.cx, core.cmd) };
+        let mut c = unsafe { Commands::new(&renderer.cx, cmd) };
         c.image_barrier(
             &self.color,
             (
@@ -529,7 +542,7 @@ impl Target {
             .color_attachments(&color)
             .depth_attachment(&depth);
         // SAFETY: as above; the attachments are in the layouts that were just recorded.
-        unsafe { core.device().cmd_begin_rendering(core.cmd, &info) };
+        unsafe { device.cmd_begin_rendering(cmd, &info) };
     }
 
     fn record_copy(&self, c: &mut Commands) {

@@ -22,6 +22,7 @@ mod resident;
 mod shader_stages;
 pub mod shaders;
 mod slot;
+mod stream;
 
 pub use capturer::Capturer;
 pub use frozen::Frozen;

@@ -16,7 +16,7 @@ pub(super) struct OwnDevice {
     pub(super) instance: ash::Instance,
     pub(super) device: Option<ash::Device>,
     queue: vk::Queue,
-    pool: vk::CommandPool,
+    pub(super) pool: vk::CommandPool,
     pub(super) cmd: vk::CommandBuffer,
     fence: vk::Fence,
     pub(super) messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -277,11 +277,7 @@ impl OwnDevice {
 
     /// Starts the command buffer, which is never pending here.
     pub(super) fn begin(&self) -> Result<(), RenderError> {
-        let info = vk::CommandBufferBeginInfo::default()
-            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: every submission was waited for.
-        unsafe { self.device().begin_command_buffer(self.cmd, &info) }
-            .map_err(error("vkBeginCommandBuffer"))
+        self.begin_on(self.cmd)
     }
 
     /// Ends the command buffer, submits it and waits. Where recording failed it still runs what was recorded: uploads are
@@ -290,26 +286,71 @@ impl OwnDevice {
         &self,
         recorded: Result<(), RenderError>,
     ) -> Result<(), RenderError> {
+        self.submit(self.cmd, self.fence)?;
+        self.wait(self.fence)?;
+        recorded
+    }
+
+    /// Another command buffer and a fence for it; whoever asks destroys them.
+    pub(super) fn new_submission(&self) -> Result<(vk::CommandBuffer, vk::Fence), RenderError> {
         let device = self.device();
-        // SAFETY: the command buffer is recording and outside rendering; the fence is unsignalled and reset after the wait.
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(self.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        // SAFETY: the device is alive; a command buffer without a fence goes with its pool.
         unsafe {
-            let ended = device
-                .end_command_buffer(self.cmd)
-                .map_err(error("vkEndCommandBuffer"));
-            ended?;
-            let cmds = [vk::CommandBufferSubmitInfo::default().command_buffer(self.cmd)];
-            let submit = [vk::SubmitInfo2::default().command_buffer_infos(&cmds)];
+            let cmd = device
+                .allocate_command_buffers(&info)
+                .map_err(error("vkAllocateCommandBuffers"))?[0];
+            let fence = device
+                .create_fence(&vk::FenceCreateInfo::default(), None)
+                .map_err(error("vkCreateFence"))?;
+            Ok((cmd, fence))
+        }
+    }
+
+    /// Starts a command buffer that is not pending.
+    pub(super) fn begin_on(&self, cmd: vk::CommandBuffer) -> Result<(), RenderError> {
+        let info = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the caller has waited for its last submission.
+        unsafe { self.device().begin_command_buffer(cmd, &info) }
+            .map_err(error("vkBeginCommandBuffer"))
+    }
+
+    /// Ends a command buffer and submits it; [`OwnDevice::wait`] waits for its fence.
+    pub(super) fn submit(
+        &self,
+        cmd: vk::CommandBuffer,
+        fence: vk::Fence,
+    ) -> Result<(), RenderError> {
+        let device = self.device();
+        let cmds = [vk::CommandBufferSubmitInfo::default().command_buffer(cmd)];
+        let submit = [vk::SubmitInfo2::default().command_buffer_infos(&cmds)];
+        // SAFETY: the command buffer is recording and outside rendering; the fence is unsignalled and nothing waits for it.
+        unsafe {
             device
-                .queue_submit2(self.queue, &submit, self.fence)
-                .map_err(error("vkQueueSubmit2"))?;
+                .end_command_buffer(cmd)
+                .map_err(error("vkEndCommandBuffer"))?;
             device
-                .wait_for_fences(&[self.fence], true, u64::MAX)
+                .queue_submit2(self.queue, &submit, fence)
+                .map_err(error("vkQueueSubmit2"))
+        }
+    }
+
+    /// Waits for a fence that was submitted, and resets it.
+    pub(super) fn wait(&self, fence: vk::Fence) -> Result<(), RenderError> {
+        let device = self.device();
+        // SAFETY: the fence is alive and was submitted.
+        unsafe {
+            device
+                .wait_for_fences(&[fence], true, u64::MAX)
                 .map_err(error("vkWaitForFences"))?;
             device
-                .reset_fences(&[self.fence])
-                .map_err(error("vkResetFences"))?;
+                .reset_fences(&[fence])
+                .map_err(error("vkResetFences"))
         }
-        recorded
     }
 }
 

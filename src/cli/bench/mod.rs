@@ -20,6 +20,7 @@ mod height;
 mod path;
 mod plot;
 mod ramos;
+mod stream;
 mod turns;
 
 /// Measure what drawing costs: methods beside each other, the number of agents, papers' experiments
@@ -41,6 +42,8 @@ mod turns;
         per pixel, and how much each frame differs from the one before it, both as multiples of what one-sample `full` \
         shows. `flicker` is the change of the difference to the reference, in which the camera's motion and the agents' \
         cancels. It draws everybody at full detail twice a frame: allow half an hour, or take fewer --agents.\n\n\
+        stream: milliseconds from frame to frame where the next frames are recorded while the device works on one, with \
+        one, two and three in flight: what a program that shows them gets.\n\n\
         How it is measured: everything compared takes turns, frame by frame (A B C A B C ...), so that a machine that \
         grows slower does so for all alike. Every turn draws the next frame of the scene: agents walk. Before that each \
         draws frames until they grow faster no more, because drivers compile shaders at the first draws. Frames so slow \
@@ -74,7 +77,7 @@ pub struct Arguments {
     /// Which of the scene's cameras; for path the first that has one where left out
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// What is compared, for methods, scale, limit and path; for methods all of them where left out, for path lod and hybrid,
+    /// What is compared, for methods, scale, limit, path and stream; for methods all of them where left out, for path lod and hybrid,
     /// else hybrid
     #[arg(
         long = "method",
@@ -132,6 +135,8 @@ enum Name {
     Height,
     /// Pictures along a camera's path
     Path,
+    /// Frames a second with several in flight
+    Stream,
 }
 
 /// Runs the command.
@@ -149,30 +154,31 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         true => bail!("{option}: it is not for {:?}", arguments.name),
         false => Ok(()),
     };
-    use Name::{Limit, Methods, Path, Ramos, Scale};
+    use Name::{Limit, Methods, Path, Ramos, Scale, Stream};
     only(arguments.flip, "--flip", &[Methods])?;
     only(arguments.supersample.is_some(), "--supersample", &[Path])?;
     only(arguments.pictures.is_some(), "--pictures", &[Path])?;
     only(
         !arguments.methods.is_empty(),
         "--method",
-        &[Methods, Scale, Limit, Path],
+        &[Methods, Scale, Limit, Path, Stream],
     )?;
     only(
         !arguments.agents.is_empty(),
         "--agents",
-        &[Methods, Scale, Limit, Ramos, Path],
+        &[Methods, Scale, Limit, Ramos, Path, Stream],
     )?;
     only(
         arguments.scene.is_some(),
         "--scene",
-        &[Methods, Scale, Limit, Ramos, Path],
+        &[Methods, Scale, Limit, Ramos, Path, Stream],
     )?;
     match arguments.name {
         Name::Methods | Name::Scale | Name::Limit => compare::run(arguments),
         Name::Ramos => ramos::run(arguments),
         Name::Height => height::run(arguments),
         Name::Path => path::run(arguments),
+        Name::Stream => stream::run(arguments),
     }
 }
 
