@@ -50,7 +50,7 @@ pub struct BakeTimes {
 const BAND_RATIOS: [f32; 6] = [std::f32::consts::SQRT_2, 1.5, 1.6, 1.75, 2.0, 2.5];
 
 /// Poses in which simplification measures its error: more cost time and gain nothing measurable.
-const POSE_COUNT: usize = 12;
+const POSE_COUNT: usize = PoseSet::DEFAULT_COUNT;
 
 /// Bakes `character`. `progress` hears the name of each stage as it begins. Same input and options, same result.
 ///

@@ -576,6 +576,31 @@ fn real_characters_reach_few_triangles_and_pay_for_positions_not_for_seams() {
 }
 
 #[test]
+fn few_triangles_are_not_spent_on_layers_that_have_come_together() {
+    // Skin under clothes: where layers fall into one, several faces are one triangle, and others lie inside.
+    let Some(c) = model("glb/ped_woman_casual.glb") else {
+        return;
+    };
+    let mut mesh = merge(&c).expect("merge");
+    let poses = PoseSet::choose(&c, &mesh, PoseSet::DEFAULT_COUNT);
+    let s = simplify(&mut mesh, &poses, &[]);
+    let place = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
+    let drawn = |k: usize| -> HashSet<Vec<[u32; 3]>> {
+        let triangles = triangles_at(&mesh, &s, k).into_iter().map(|t| {
+            let first = (0..3).min_by_key(|&i| place(t[i])).expect("three");
+            (0..3).map(|i| place(t[(first + i) % 3])).collect()
+        });
+        triangles.collect()
+    };
+    let k = (0..=s.steps.len()).collect::<Vec<_>>();
+    let level = drawn(k.partition_point(|&k| drawn(k).len() > 40));
+    let points: HashSet<_> = level.iter().flatten().collect();
+    assert!(level.len() >= 36, "{} triangles", level.len());
+    // A closed surface of 40 triangles has 22; there were 16.
+    assert!(points.len() >= 20, "{} points", points.len());
+}
+
+#[test]
 fn every_built_in_character_gives_a_sequence_that_keeps_its_rules() {
     // Real surfaces lose wedges and edges in ways that small meshes do not: a twin of a dead wedge once came out.
     for name in throng_bake::people::names() {

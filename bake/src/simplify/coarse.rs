@@ -1,9 +1,11 @@
 //! The coarse end of a sequence, where pictures of the character choose collapses, and at last also say where points stand.
 
+use std::collections::HashSet;
+
 use glam::Vec3;
 
 use super::pictures::{Change, Pictures};
-use super::{Action, Simplifier, attributes};
+use super::{Action, Choice, Simplifier, attributes};
 
 /// Points from which on pictures choose.
 pub(super) const PICTURE_POINTS: usize = 80;
@@ -14,14 +16,18 @@ pub(super) const MOVES: [f32; 3] = [0.04, 0.02, 0.01];
 /// Moves of one length that a point may make.
 const MOVES_EACH: usize = 2;
 /// Least gain that is worth a move: wrong area in the pictures, as a share of the character's size squared.
-const LEAST_GAIN: f64 = 2e-5;
+const LEAST_GAIN: f64 = 1e-5;
+/// Targets whose collapse is also compared with its point in between, the best by pictures.
+const VARIED: usize = 6;
+/// Shares of the way back to the dying point at which the one that stays is tried.
+const WAY_SHARES: [f32; 2] = [0.35, 0.7];
 /// Points from which on pictures also say where the others stand. With more, distances say it better: pictures of this size
 /// and number would be fitted, not the character.
-const MOVE_POINTS: usize = 28;
+const MOVE_POINTS: usize = 50;
 /// What pictures do not see (other poses and sides, light) adds to the error.
 const UNSEEN: f64 = 1.1;
-/// Range of [`Coarse::error_factor`] before that; real characters have 0.51 to 0.74.
-const ERROR_FACTORS: [f64; 2] = [0.4, 0.8];
+/// Range of [`Coarse::error_factor`] before that; real characters have 0.40 to 0.53.
+const ERROR_FACTORS: [f64; 2] = [0.3, 0.7];
 /// Wrong area in pictures that giving up a seam counts, for contrast times surface. Pictures show about a quarter of a
 /// surface; seams count four times as much, because they keep colours of head and clothes apart and cost no triangle.
 const TWIN_WEIGHT: f64 = 1.0;
@@ -94,43 +100,106 @@ impl Simplifier<'_> {
         coarse.pictures.wrong(&self.surface, &coarse.faces)
     }
 
-    /// The best collapse of `point`, by pictures.
+    /// The best collapse of `point`, by pictures: the least wrong area for each two triangles that it saves.
     pub(super) fn best_in_pictures(&mut self, point: u32) -> Option<(f64, Action)> {
         let mut targets = std::mem::take(&mut self.targets);
         self.surface.neighbors(point, &mut targets);
         let (mut changes, mut choices) = (Vec::new(), Vec::new());
         for &target in &targets {
-            let Some(choice) = self.estimate(point, target) else {
-                continue;
-            };
-            let (surface, looks) = (&self.surface, self.samples.looks());
-            let moves = &mut self.moves;
-            attributes::wedge_moves(surface, looks, point, target, moves);
-            let around = surface.faces_of[point as usize].iter();
-            let stay = around
-                .map(|&f| &surface.faces[f as usize])
-                .filter(|f| !f.has(target));
-            let faces = stay.map(|f| {
-                let points = f.points.map(|p| if p == point { target } else { p });
-                (points, f.wedges.map(|w| attributes::moved(moves, w)))
-            });
-            changes.push(Change {
-                faces: faces.collect(),
-                posed: Vec::new(),
-            });
-            choices.push((choice.estimate, target));
+            if let Some(choice) = self.estimate(point, target) {
+                changes.push(self.without(point, target));
+                choices.push(choice);
+            }
         }
         self.targets = targets;
         self.forget_dead_faces();
         let coarse = &self.coarse;
-        let wrong = coarse
-            .pictures
-            .compare(&self.surface, &coarse.faces, point, &changes);
-        let costs = choices.iter().zip(&wrong).map(|(c, wrong)| {
-            let target = c.1;
-            (c.0 + wrong, Action::Collapse { target })
-        });
-        costs.min_by(|a, b| a.0.total_cmp(&b.0))
+        let wrong = (coarse.pictures).compare(&self.surface, &coarse.faces, &[point], &changes);
+        let mut costs: Vec<(f64, usize)> = (choices.iter().zip(wrong).enumerate())
+            .map(|(i, (choice, wrong))| (choice.estimate + wrong, i))
+            .collect();
+        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut best: Option<(f64, Action)> = None;
+        for (rank, (mut cost, i)) in costs.into_iter().enumerate() {
+            let Choice {
+                estimate, target, ..
+            } = choices[i];
+            let saved = self.saved(point, target, &changes[i]).max(1) as f64 / 2.0;
+            if rank < VARIED && self.placed_by_pictures() {
+                for wrong in self.wrong_between(point, target, &changes[i]) {
+                    cost = cost.min(estimate + wrong);
+                }
+            }
+            // What makes pictures better is the better the more it saves.
+            let cost = if cost > 0.0 {
+                cost / saved
+            } else {
+                cost * saved
+            };
+            if best.is_none_or(|b| cost < b.0) {
+                best = Some((cost, Action::Collapse { target }));
+            }
+        }
+        best
+    }
+
+    /// The faces around `point` once it has moved onto `target`.
+    fn without(&mut self, point: u32, target: u32) -> Change {
+        let (surface, looks) = (&self.surface, self.samples.looks());
+        let moves = &mut self.moves;
+        attributes::wedge_moves(surface, looks, point, target, moves);
+        let faces = (surface.faces_of[point as usize].iter())
+            .map(|&f| &surface.faces[f as usize])
+            .filter(|f| !f.has(target))
+            .map(|f| {
+                let points = f.points.map(|p| if p == point { target } else { p });
+                (points, f.wedges.map(|w| attributes::moved(moves, w)))
+            });
+        Change {
+            faces: faces.collect(),
+            moved: None,
+        }
+    }
+
+    /// Triangles that are no longer drawn once `point` has moved onto `target`, whose faces `change` has. Where layers of a
+    /// surface have come together, several faces are one triangle.
+    fn saved(&self, point: u32, target: u32, change: &Change) -> usize {
+        let s = &self.surface;
+        let around = |p: u32| s.faces_of[p as usize].iter().map(|&f| &s.faces[f as usize]);
+        let both = around(point).chain(around(target));
+        let before: HashSet<_> = both.map(|f| least_first(f.wedges)).collect();
+        let others = around(target).filter(|f| !f.has(point)).map(|f| f.wedges);
+        let new = change.faces.iter().map(|f| f.1);
+        let after: HashSet<_> = others.chain(new).map(least_first).collect();
+        before.len().saturating_sub(after.len())
+    }
+
+    /// Change of the wrong area if `point` moves onto `target`, as `change` has it, and that to places in between.
+    fn wrong_between(&mut self, point: u32, target: u32, change: &Change) -> Vec<f64> {
+        let s = &mut self.surface;
+        let mut faces = change.faces.clone();
+        let others = s.faces_of[target as usize].iter();
+        let others = others.map(|&f| &s.faces[f as usize]);
+        faces.extend(
+            others
+                .filter(|f| !f.has(point))
+                .map(|f| (f.points, f.wedges)),
+        );
+        let per_pose = s.steps_of(target);
+        let start = s.posed_of(target).to_vec();
+        let way = s.way(target, point);
+        let mut changes = Vec::new();
+        for share in WAY_SHARES {
+            if s.place(target, &start, &per_pose, way * share) {
+                changes.push(Change {
+                    faces: faces.clone(),
+                    moved: Some((target, s.posed_of(target).to_vec())),
+                });
+            }
+        }
+        s.place(target, &start, &per_pose, Vec3::ZERO);
+        let (s, coarse) = (&self.surface, &self.coarse);
+        (coarse.pictures).compare(s, &coarse.faces, &[point, target], &changes)
     }
 
     /// Cost of a twin beside wrong areas in pictures.
@@ -142,8 +211,8 @@ impl Simplifier<'_> {
         }
     }
 
-    /// Moves `point` to where pictures get better; how far, in bind space.
-    pub(super) fn place_by_pictures(&mut self, point: u32, lengths: &[f32]) -> Vec3 {
+    /// Moves `point` to where pictures get better, perhaps along `way`; how far, in bind space.
+    pub(super) fn place_by_pictures(&mut self, point: u32, lengths: &[f32], way: Vec3) -> Vec3 {
         self.forget_dead_faces();
         let per_pose = self.surface.steps_of(point);
         let start = self.surface.posed_of(point).to_vec();
@@ -155,6 +224,9 @@ impl Simplifier<'_> {
         let mut best = (-LEAST_GAIN, Vec3::ZERO);
         let fitted = self.samples.better_place(&self.surface, point, &per_pose);
         let mut tried: Vec<Vec3> = fitted.into_iter().collect();
+        if way != Vec3::ZERO {
+            tried.extend(WAY_SHARES.map(|share| way * share));
+        }
         for &length in lengths {
             let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|a| a * length * self.surface.unit);
             for _ in 0..MOVES_EACH {
@@ -165,7 +237,7 @@ impl Simplifier<'_> {
                     if s.place(point, &start, &per_pose, offset) {
                         changes.push(Change {
                             faces: faces.clone(),
-                            posed: s.posed_of(point).to_vec(),
+                            moved: Some((point, s.posed_of(point).to_vec())),
                         });
                         offsets.push(offset);
                     }
@@ -173,7 +245,7 @@ impl Simplifier<'_> {
                 }
                 let coarse = &self.coarse;
                 let wrong =
-                    (coarse.pictures).compare(&self.surface, &coarse.faces, point, &changes);
+                    (coarse.pictures).compare(&self.surface, &coarse.faces, &[point], &changes);
                 let costs = wrong.into_iter().zip(offsets);
                 match costs.min_by(|a, b| a.0.total_cmp(&b.0)) {
                     Some(better) if better.0 < best.0 - LEAST_GAIN => best = better,
@@ -202,16 +274,21 @@ impl Simplifier<'_> {
         let mut renewed = Vec::new();
         for point in 0..self.surface.faces_of.len() as u32 {
             if point != busy && !self.surface.faces_of[point as usize].is_empty() {
-                renewed.extend(self.refit_by_pictures(point, &MOVES[1..]));
+                renewed.extend(self.refit_by_pictures(point, &MOVES[1..], Vec3::ZERO));
             }
         }
         self.dirty.fill(true);
         renewed
     }
 
-    /// Fits a point as pictures have it. Each wedge that is replaced, with the one that takes its place.
-    pub(super) fn refit_by_pictures(&mut self, point: u32, lengths: &[f32]) -> Vec<(u32, u32)> {
-        let offset = self.place_by_pictures(point, lengths);
+    /// Fits a point as pictures have it, see [`Simplifier::place_by_pictures`]. Each wedge that is replaced, with the one that takes its place.
+    pub(super) fn refit_by_pictures(
+        &mut self,
+        point: u32,
+        lengths: &[f32],
+        way: Vec3,
+    ) -> Vec<(u32, u32)> {
+        let offset = self.place_by_pictures(point, lengths, way);
         let s = &mut self.surface;
         for f in s.faces_of[point as usize].clone() {
             s.areas[f as usize] = s.face_area(s.faces[f as usize].points);
@@ -219,4 +296,10 @@ impl Simplifier<'_> {
         let wedges = s.wedges_of[point as usize].clone();
         self.refit_wedges(point, &wedges, offset)
     }
+}
+
+/// The same triangle, its smallest corner first.
+fn least_first(c: [u32; 3]) -> [u32; 3] {
+    let first = (0..3).min_by_key(|&i| c[i]).unwrap_or(0);
+    [0, 1, 2].map(|i| c[(first + i) % 3])
 }

@@ -399,6 +399,7 @@ impl<'a> Simplifier<'a> {
 
     /// Moves `point` onto `target` and proposes anew for all points that see it.
     fn collapse(&mut self, point: u32, target: u32) {
+        let way = self.surface.way(target, point);
         let mut moves = std::mem::take(&mut self.moves);
         attributes::wedge_moves(
             &self.surface,
@@ -448,7 +449,7 @@ impl<'a> Simplifier<'a> {
         }
         self.quadrics.add(target, point);
         self.living_points -= 1;
-        let refitted = self.refit(target);
+        let refitted = self.refit(target, way);
         let swept = self.sweep(target);
         self.raise_error();
         for m in &mut moves {

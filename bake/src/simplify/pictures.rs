@@ -4,6 +4,8 @@
 //! is a small part of a surface. Collapses are then chosen by pictures (Lindstrom & Turk 2000): area of wrong outline and of
 //! wrong colour, each collapse compared in the part of the pictures that it changes.
 
+use std::cell::RefCell;
+
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -21,7 +23,7 @@ const SIDES: usize = 5;
 /// Heights of the viewer above the horizon in radians, in turns.
 const HEIGHTS: [f32; 3] = [0.05, 0.5, 0.2];
 /// Squared contrast of the character against what is behind it; black and white are 1 apart.
-const OUTLINE: f32 = 0.3;
+const OUTLINE: f32 = 0.6;
 /// Contrast of body parts that a tint may dye apart.
 const PART_CONTRAST: f32 = 0.2;
 /// Share of light that does not depend on where a surface faces.
@@ -40,13 +42,13 @@ pub(super) struct Pictures {
     shades: Vec<[Vec4; POSES]>,
 }
 
-/// Faces that may take the place of those around a point.
+/// Faces that may take the place of those around some points.
 #[derive(Default)]
 pub(super) struct Change {
     /// Points and wedges.
     pub faces: Vec<([u32; 3], [u32; 3])>,
-    /// Where the point itself would be, `[3][pose_count]`; where it is if empty.
-    pub posed: Vec<f32>,
+    /// A point that would be elsewhere, and where, `[3][pose_count]`.
+    pub moved: Option<(u32, Vec<f32>)>,
 }
 
 #[derive(Clone, Copy)]
@@ -73,6 +75,11 @@ impl Default for Scratch {
             pixels: vec![EMPTY; SIZE * SIZE],
         }
     }
+}
+
+thread_local! {
+    /// Kept, because a comparison is shorter than making them takes.
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
 /// Columns and rows from the first to before the second.
@@ -190,18 +197,22 @@ impl Pictures {
         each.iter().sum()
     }
 
-    /// Change of [`Pictures::wrong`] if the faces around `point` give way to each of `changes`. `faces` are the living ones.
+    /// Change of [`Pictures::wrong`] if the faces around `points` give way to each of `changes`. `faces` are the living ones.
     pub fn compare(
         &self,
         surface: &Surface,
         faces: &[u32],
-        point: u32,
+        around: &[u32],
         changes: &[Change],
     ) -> Vec<f64> {
+        let gives_way = |&f: &u32| around.iter().any(|&p| surface.faces[f as usize].has(p));
+        let (old, kept): (Vec<u32>, Vec<u32>) = faces.iter().copied().partition(gives_way);
         let each: Vec<Vec<f64>> = (self.views.par_iter())
             .with_min_len(VIEWS_EACH)
-            .map_init(Scratch::default, |scratch, view| {
-                self.compare_in(view, surface, faces, point, changes, scratch)
+            .map(|view| {
+                SCRATCH.with_borrow_mut(|scratch| {
+                    self.compare_in(view, surface, &old, &kept, changes, scratch)
+                })
             })
             .collect();
         (0..changes.len())
@@ -213,12 +224,11 @@ impl Pictures {
         &self,
         view: &View,
         surface: &Surface,
-        faces: &[u32],
-        point: u32,
+        old: &[u32],
+        kept: &[u32],
         changes: &[Change],
         scratch: &mut Scratch,
     ) -> Vec<f64> {
-        let old = &surface.faces_of[point as usize];
         let project = |p: u32| view.places[p as usize];
         let mut reach = Reach::default();
         for &f in old {
@@ -228,12 +238,9 @@ impl Pictures {
         }
         let changed: Vec<Vec<[[f32; 3]; 3]>> = (changes.iter())
             .map(|change| {
-                let at = |p: u32| {
-                    if p == point && !change.posed.is_empty() {
-                        view.project(&change.posed, surface)
-                    } else {
-                        project(p)
-                    }
+                let at = |p: u32| match &change.moved {
+                    Some((moved, posed)) if *moved == p => view.project(posed, surface),
+                    _ => project(p),
                 };
                 let faces = change.faces.iter().map(|(points, _)| points.map(at));
                 faces
@@ -253,10 +260,8 @@ impl Pictures {
             let corners = face.points.map(project);
             self.draw(view, surface, corners, face.wedges, area, pixels);
         };
-        for &f in faces {
-            if !surface.faces[f as usize].has(point) {
-                draw(f, base);
-            }
+        for &f in kept {
+            draw(f, base);
         }
         let restore = |pixels: &mut [Pixel]| {
             for y in area.low[1]..area.high[1] {
@@ -289,10 +294,18 @@ impl Pictures {
     ) {
         let sides = double_sided(surface, wedges[0]);
         let [a, b, c] = wedges.map(|w| self.shades[w as usize][view.slot]);
-        raster(corners, sides, area, |i, depth, [u, v, w]| {
-            if depth > pixels[i].depth {
-                let color = a * u + b * v + c * w;
-                pixels[i] = Pixel { color, depth };
+        raster(corners, sides, area, |span| {
+            let depths = corners.map(|c| c[2]);
+            let mix = |x: [f32; 3]| x[0] * depths[0] + x[1] * depths[1] + x[2] * depths[2];
+            let blend = |x: [f32; 3]| a * x[0] + b * x[1] + c * x[2];
+            let (mut depth, depth_step) = (mix(span.at), mix(span.step));
+            let (mut color, color_step) = (blend(span.at), blend(span.step));
+            for pixel in &mut pixels[span.first..span.first + span.len] {
+                if depth > pixel.depth {
+                    *pixel = Pixel { color, depth };
+                }
+                depth += depth_step;
+                color += color_step;
             }
         });
     }
@@ -346,13 +359,20 @@ impl View {
             let submesh = m.submesh[face.wedges[0] as usize] as usize;
             let cutoff = m.submeshes[submesh].alpha_cutoff.unwrap_or(0.0);
             let sides = double_sided(surface, face.wedges[0]);
-            raster(corners, sides, all, |i, depth, b| {
-                if depth > pixels[i].depth {
-                    let color = looks.at(m, face.wedges, b).color;
-                    let light = (0..3).map(|k| lit[k] * b[k]).sum();
-                    if color.w >= cutoff {
-                        let color = shade(color, light, part);
-                        pixels[i] = Pixel { color, depth };
+            raster(corners, sides, all, |span| {
+                for (i, pixel) in pixels[span.first..span.first + span.len]
+                    .iter_mut()
+                    .enumerate()
+                {
+                    let b = [0, 1, 2].map(|k| span.at[k] + span.step[k] * i as f32);
+                    let depth = (0..3).map(|k| corners[k][2] * b[k]).sum();
+                    if depth > pixel.depth {
+                        let color = looks.at(m, face.wedges, b).color;
+                        let light = (0..3).map(|k| lit[k] * b[k]).sum();
+                        if color.w >= cutoff {
+                            let color = shade(color, light, part);
+                            *pixel = Pixel { color, depth };
+                        }
                     }
                 }
             });
@@ -424,13 +444,22 @@ fn double_sided(surface: &Surface, wedge: u32) -> bool {
     submeshes[submesh[wedge as usize] as usize].double_sided
 }
 
-/// Calls `pixel` with index, depth and barycentric coordinates for each pixel of `area` whose middle a triangle covers; not at
-/// all where it shows its back, unless it has no back.
+/// A row of pixels that a triangle covers: index of the first, how many, barycentric coordinates in the middle of the first
+/// and how they change from one to the next.
+struct Span {
+    first: usize,
+    len: usize,
+    at: [f32; 3],
+    step: [f32; 3],
+}
+
+/// Calls `row` for the pixels of `area` whose middle a triangle covers; not at all where it shows its back, unless it has no
+/// back.
 fn raster(
     [a, b, c]: [[f32; 3]; 3],
     double_sided: bool,
     area: Rectangle,
-    mut pixel: impl FnMut(usize, f32, [f32; 3]),
+    mut row: impl FnMut(Span),
 ) {
     let outside = |k: usize| {
         a[k].max(b[k]).max(c[k]) < area.low[k] as f32
@@ -447,22 +476,45 @@ fn raster(
         return;
     }
     let range = |k: usize| {
-        let low = (a[k].min(b[k]).min(c[k]) - 0.5).ceil().max(0.0) as usize;
-        let high = (a[k].max(b[k]).max(c[k]) + 0.5).floor().max(0.0) as usize;
+        // A number rounded down is a whole one that is not less.
+        let low = (a[k].min(b[k]).min(c[k]) + 0.5).max(0.0) as usize;
+        let high = (a[k].max(b[k]).max(c[k]) + 0.5).max(0.0) as usize;
         low.max(area.low[k])..high.min(area.high[k])
     };
     let inverse = 1.0 / twice;
+    let (du, dv) = (ac[1] * inverse, -ab[1] * inverse);
+    let step = [-du - dv, du, dv];
+    let per_step = step.map(|d| 1.0 / d);
+    let columns = range(0);
+    let px = columns.start as f32 + 0.5 - a[0];
+    let width = columns.len() as f32 - 1.0;
     for y in range(1) {
         let py = y as f32 + 0.5 - a[1];
-        for x in range(0) {
-            let px = x as f32 + 0.5 - a[0];
-            let u = (px * ac[1] - py * ac[0]) * inverse;
-            let v = (ab[0] * py - ab[1] * px) * inverse;
-            let t = 1.0 - u - v;
-            if u >= 0.0 && v >= 0.0 && t >= 0.0 {
-                let depth = t * a[2] + u * b[2] + v * c[2];
-                pixel(y * SIZE + x, depth, [t, u, v]);
+        let u = (px * ac[1] - py * ac[0]) * inverse;
+        let v = (ab[0] * py - ab[1] * px) * inverse;
+        let at = [1.0 - u - v, u, v];
+        // Columns in which no coordinate is negative.
+        let (mut low, mut high) = (0.0f32, width);
+        for k in 0..3 {
+            let zero = -at[k] * per_step[k];
+            if step[k] > 0.0 {
+                low = low.max(zero);
+            } else if step[k] < 0.0 {
+                high = high.min(zero);
+            } else if at[k] < 0.0 {
+                high = -1.0;
             }
+        }
+        // The next whole number; none of them is negative.
+        let whole = low as usize as f32;
+        let low = if whole < low { whole + 1.0 } else { whole };
+        if high >= low {
+            row(Span {
+                first: y * SIZE + columns.start + low as usize,
+                len: (high - low) as usize + 1,
+                at: [0, 1, 2].map(|k| at[k] + step[k] * low),
+                step,
+            });
         }
     }
 }

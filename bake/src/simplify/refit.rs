@@ -29,13 +29,14 @@ const LEAST_TURN: f32 = 0.2;
 const LEAST_COLOR: u8 = 4;
 
 impl Simplifier<'_> {
-    /// Refits `point` with all its wedges. Each wedge that is replaced, with the one that takes its place.
-    pub(super) fn refit(&mut self, point: u32) -> Vec<(u32, u32)> {
+    /// Refits `point` with all its wedges after another, `way` from it in bind space, has moved onto it. Each wedge that is
+    /// replaced, with the one that takes its place.
+    pub(super) fn refit(&mut self, point: u32, way: Vec3) -> Vec<(u32, u32)> {
         if !self.refits() || self.surface.faces_of[point as usize].is_empty() {
             return Vec::new();
         }
         if self.placed_by_pictures() {
-            return self.refit_by_pictures(point, &MOVES);
+            return self.refit_by_pictures(point, &MOVES, way);
         }
         let offset = self.refit_place(point);
         if self.pictured() {

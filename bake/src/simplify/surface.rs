@@ -216,6 +216,12 @@ impl<'a> Surface<'a> {
         inside
     }
 
+    /// From `from` to `to` in bind space.
+    pub fn way(&self, from: u32, to: u32) -> Vec3 {
+        let at = |p: u32| self.mesh.positions[self.wedges_of[p as usize][0] as usize];
+        at(to) - at(from)
+    }
+
     /// A new vertex at the point of `wedge` and like it.
     pub fn add_wedge(&mut self, wedge: u32) -> u32 {
         let m = &mut self.mesh;
