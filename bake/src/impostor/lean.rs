@@ -35,8 +35,6 @@ pub(super) fn lean_tiles(impostors: &mut Impostors, pictures: &[Picture]) {
 /// up, and the depth at the centre, within what the picture's depths allow.
 fn lean(picture: &Picture, depth_extent: f32) -> Vec3 {
     let mut points = Vec::new();
-    let mut mean = Vec3::ZERO;
-    let mut weight = 0.0;
     let columns = picture.size.x as usize;
     let is_empty = |i: Option<usize>| {
         let texel = i.and_then(|i| picture.texels.get(i));
@@ -59,16 +57,22 @@ fn lean(picture: &Picture, depth_extent: f32) -> Vec3 {
             let depth = (t.shape.z / 255.0 * 2.0 - 1.0) * depth_extent;
             let point = at.extend(depth);
             points.push((point, t.coverage));
-            mean += t.coverage * point;
-            weight += t.coverage;
         }
     }
+    // A texel's own width keeps thin pictures from leaning anyhow.
+    plane(&points, picture.texel)
+}
+
+/// Least squares over weighted points (place in the plane of a picture, depth): slopes along right and up, and the depth at the
+/// centre; 0 without points. What is not wider than `ridge` hardly leans.
+pub(super) fn plane(points: &[(Vec3, f32)], ridge: f32) -> Vec3 {
+    let weight: f32 = points.iter().map(|p| p.1).sum();
     if weight <= 0.0 {
         return Vec3::ZERO;
     }
-    mean /= weight;
+    let mean = points.iter().map(|&(p, w)| w * p).sum::<Vec3>() / weight;
     let (mut xx, mut xy, mut yy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for (p, w) in points {
+    for &(p, w) in points {
         let d = p - mean;
         xx += w * d.x * d.x;
         xy += w * d.x * d.y;
@@ -76,8 +80,7 @@ fn lean(picture: &Picture, depth_extent: f32) -> Vec3 {
         xz += w * d.x * d.z;
         yz += w * d.y * d.z;
     }
-    // A texel's own width keeps thin pictures from leaning anyhow.
-    let ridge = weight * picture.texel * picture.texel;
+    let ridge = weight * ridge * ridge;
     let (xx, yy) = (xx + ridge, yy + ridge);
     let determinant = xx * yy - xy * xy;
     let slope = Vec2::new(xz * yy - yz * xy, yz * xx - xz * xy) / determinant;

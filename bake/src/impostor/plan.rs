@@ -16,6 +16,9 @@ pub(super) const LEAST_WEIGHT: f32 = 0.04;
 /// Surface with this weight often is: sizes are estimated from it.
 const SHOWN_WEIGHT: f32 = 0.25;
 
+/// Shares of the wanted views of `Quad` that are tried where memory is short.
+const FEWER_VIEWS: [f32; 3] = [0.84, 0.7, 0.59];
+
 /// A picture to take, a tile to be.
 pub(super) struct Shot {
     /// Pose of the clips; none for bind space.
@@ -175,8 +178,11 @@ pub(super) fn plan_quad(
     warnings: &mut Vec<String>,
 ) -> Plan {
     let wanted = height / options.quad_texels_per_height;
-    let planned = |cuts: u32| {
-        let views = ViewSet::icosahedral(cuts, options.quad_lowest_y);
+    let depth = clip_poses::depths(baked, skins);
+    let most = ViewSet::icosahedral(options.quad_view_cuts, options.quad_lowest_y);
+    let planned = |share: f32| {
+        let count = (most.directions.len() as f32 * share) as usize;
+        let (views, turn) = ViewSet::spread(count, options.quad_lowest_y, &depth);
         let plan = clip_poses::plan(
             baked,
             skins,
@@ -184,14 +190,18 @@ pub(super) fn plan_quad(
             wanted,
             options.quad_poses_per_clip,
             texel_limit,
+            turn,
             (options.margin(), options.multiple()),
         );
         (views, plan)
     };
-    let (mut views, mut plan) = planned(options.quad_view_cuts);
-    if plan.is_reduced && options.quad_view_cuts > 1 {
+    let (mut views, mut plan) = planned(1.0);
+    for share in FEWER_VIEWS {
+        if !plan.is_reduced {
+            break;
+        }
         // Characters with many clips may be better off with fewer views of finer pictures.
-        let fewer = planned(options.quad_view_cuts - 1);
+        let fewer = planned(share);
         if fewer.1.error < plan.error {
             (views, plan) = fewer;
         }

@@ -17,6 +17,13 @@ use super::{CUBE_SIZE, ViewSet};
 /// Most directions of a view set: the device's cube maps hold their numbers as halves, which are exact up to here.
 pub const MAX_VIEWS: usize = 2048;
 
+/// Cuts of the icosahedron among whose vertices directions are chosen.
+const CANDIDATE_CUTS: u32 = 10;
+/// Directions are chosen for eyes that look up by this much at least.
+const LOWEST_Y: f32 = -0.1;
+/// Times that directions move into the middle of their cells.
+const LLOYD_STEPS: usize = 12;
+
 impl ViewSet {
     /// The vertices of an icosahedron with every edge cut into `cuts` parts (`10 cuts^2 + 2`) whose height on the unit
     /// sphere is at least `lowest_y`, or a little less: some lie below the horizon, so that they surround the origin.
@@ -33,6 +40,61 @@ impl ViewSet {
             directions.clone_from(&all);
         }
         Self::of_directions(directions.into_iter().map(|d| d.as_vec3()).collect())
+    }
+
+    /// `count` directions, the last straight down and the others at least as high as `lowest_y`, the closer together the
+    /// more depth `depth` says there is along them: a turn of the eye shifts what is deep. Also the root mean square, over
+    /// all directions, of the shift to the nearest one: radians times the unit of `depth`.
+    pub(super) fn spread(count: usize, lowest_y: f32, depth: impl Fn(Vec3) -> f32) -> (Self, f32) {
+        let all = icosahedral_directions(CANDIDATE_CUTS);
+        let all = all.into_iter().map(|d| d.as_vec3());
+        let candidates: Vec<(Vec3, f32)> = all
+            .filter(|d| d.y >= lowest_y.min(LOWEST_Y))
+            .map(|d| (d, depth(d).sqrt()))
+            .collect();
+        // Square roots: in proportion, eyes just above the crowd, who are most, would have too few.
+        let shift = |a: &(Vec3, f32), b: &(Vec3, f32)| {
+            a.0.dot(b.0).clamp(-1.0, 1.0).acos() * 0.5 * (a.1 + b.1)
+        };
+        // Always the one that is farthest from those before it ...
+        let mut sites: Vec<(Vec3, f32)> = Vec::new();
+        let mut nearest = vec![(f32::INFINITY, 0); candidates.len()];
+        while sites.len() + 1 < count.max(5) {
+            let ends = nearest.iter().map(|n| n.0).enumerate();
+            let farthest = ends.max_by(|a, b| a.1.total_cmp(&b.1));
+            sites.push(candidates[farthest.map_or(0, |f| f.0)]);
+            let at = sites.len() - 1;
+            for (least, candidate) in nearest.iter_mut().zip(&candidates) {
+                let to = shift(candidate, &sites[at]);
+                if to < least.0 {
+                    *least = (to, at);
+                }
+            }
+        }
+        // ... and then into the middle of those that it is nearest to (Lloyd 1982).
+        for _ in 0..LLOYD_STEPS {
+            let mut middles = vec![Vec3::ZERO; sites.len()];
+            for (&(_, at), candidate) in nearest.iter().zip(&candidates) {
+                middles[at] += candidate.1 * candidate.1 * candidate.0;
+            }
+            for (site, middle) in sites.iter_mut().zip(middles) {
+                if let Some(middle) = middle.try_normalize() {
+                    *site = (middle, depth(middle).sqrt());
+                }
+            }
+            for (least, candidate) in nearest.iter_mut().zip(&candidates) {
+                let all = sites.iter().map(|site| shift(candidate, site)).enumerate();
+                let found = all.min_by(|a, b| a.1.total_cmp(&b.1));
+                *least = found.map_or((0.0, 0), |(at, to)| (to, at));
+            }
+        }
+        let shifts = nearest.iter().zip(&candidates);
+        let squares = shifts.map(|(n, c)| (n.0 * c.1).powi(2)).sum::<f32>();
+        let mean = (squares / nearest.len().max(1) as f32).sqrt();
+        let mut directions: Vec<Vec3> = sites.into_iter().map(|s| s.0).collect();
+        // All together surround the origin.
+        directions.push(Vec3::NEG_Y);
+        (Self::of_directions(directions), mean)
     }
 
     /// The view set of unit directions, which must hold the origin within their hull; there are at least 4.
@@ -231,4 +293,42 @@ pub fn nearest_direction(directions: &[Vec3], direction: Vec3) -> u16 {
         }
     }
     best.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A long body is deep from its ends: views crowd there, and none of the others is far from the next.
+    #[test]
+    fn directions_crowd_where_the_body_is_deep() {
+        let depth = |d: Vec3| 0.2 + d.z.abs();
+        let (set, shift) = ViewSet::spread(50, -0.15, depth);
+        assert_eq!(set.directions.len(), 50);
+        assert!(
+            set.directions
+                .iter()
+                .all(|d| (d.length() - 1.0).abs() < 1e-5)
+        );
+        let sharing = |pole: Vec3| set.directions.iter().filter(|d| d.dot(pole) > 0.8).count();
+        let (ends, sides) = (sharing(Vec3::Z) + sharing(Vec3::NEG_Z), sharing(Vec3::X));
+        assert!(ends > 2 * sides, "{ends} at both ends, {sides} at a side");
+        let (_, fewer) = ViewSet::spread(25, -0.15, depth);
+        let halved = fewer / shift;
+        assert!(
+            (1.2..1.7).contains(&halved),
+            "{halved}: half as many views, root 2 the shift"
+        );
+        let upper = set.directions.iter().filter(|d| d.y >= -0.16);
+        assert_eq!(upper.count(), 49);
+        let surrounded = [Vec3::X, Vec3::Y, Vec3::Z].map(|a| {
+            let along = set.directions.iter().map(|d| d.dot(a));
+            along.fold((1.0f32, -1.0f32), |(min, max), x| (min.min(x), max.max(x)))
+        });
+        assert!(
+            surrounded
+                .iter()
+                .all(|(min, max)| *min < -0.8 && *max > 0.8)
+        );
+    }
 }

@@ -13,8 +13,12 @@ use throng_bake::people;
 
 use crate::capture::capture;
 
-/// A built-in character, or a model of the folder of real characters by file.
+/// A built-in character, a model of the folder of real characters by file, or a file of a baked one.
 pub fn baked(name: &str) -> Option<Baked> {
+    if name.ends_with(".throng") {
+        let read = throng_bake::file::read(Path::new(name));
+        return Some(read.unwrap_or_else(|e| panic!("{e}")));
+    }
     let character = if name.contains('.') {
         let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models");
         let folder = std::env::var_os("THRONG_MODELS").map_or_else(beside, Into::into);

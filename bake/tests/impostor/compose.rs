@@ -46,10 +46,10 @@ impl Camera {
     }
 }
 
-/// Added to the mip that has a texel for each pixel; for tuning.
-fn mip_bias() -> f32 {
-    std::env::var("MIP_BIAS").map_or(0.0, |v| v.parse().unwrap())
-}
+/// As the renderer's: `IMPOSTOR_MIP_BIAS`, `SOFT_EDGE` and `MIN_SLANT` of its shaders.
+const MIP_BIAS: f32 = -0.75;
+const SOFT_EDGE: u8 = 51;
+const MIN_SLANT: f32 = 0.4;
 
 /// What a pixel shows; alpha 0 for nothing.
 pub type Pixels = Vec<[u8; 4]>;
@@ -76,7 +76,8 @@ pub fn mesh(baked: &Baked, palette: &[PaletteEntry], camera: &Camera) -> Pixels 
     capture(baked, &batch).remove(0).color
 }
 
-/// The quads of a kind; `pose` is the captured pose for quads in model space.
+/// The quads of a kind, each as the nearest view; `pose` is the captured pose for quads in model space. A pixel shows what
+/// covers at least half of it.
 pub fn impostor(
     i: &Impostors,
     kind: Kind,
@@ -88,11 +89,11 @@ pub fn impostor(
     let pixels = (camera.size * camera.size) as usize;
     let (mut out, mut depths) = (vec![[0; 4]; pixels], vec![f32::NEG_INFINITY; pixels]);
     for quad in &i.quads[kind.first_quad as usize..][..kind.quad_count as usize] {
+        let is_soft = quad.joint == NO_JOINT;
         let set = &i.view_sets[quad.view_set as usize];
-        let (model_from_quad, pose) = if quad.joint == NO_JOINT {
-            (glam::Affine3A::IDENTITY, pose)
-        } else {
-            (palette[quad.joint as usize].to_affine(), 0)
+        let (model_from_quad, pose) = match is_soft {
+            true => (glam::Affine3A::IDENTITY, pose),
+            false => (palette[quad.joint as usize].to_affine(), 0),
         };
         let seen_from = model_from_quad
             .inverse()
@@ -103,6 +104,7 @@ pub fn impostor(
         if tile.size[0] == 0 {
             continue;
         }
+        let tile = trimmed(i, tile, if is_soft { SOFT_EDGE } else { 1 });
         let (right, up, toward) = (set.rights[view], set.up(view), set.directions[view]);
         let place = |x: f32, y: f32, z: f32| {
             model_from_quad.transform_point3(quad.center + right * x + up * y + toward * z)
@@ -113,6 +115,12 @@ pub fn impostor(
         let across = camera.project(leaning(tile.max[0], tile.max[1])) - origin;
         let down = camera.project(leaning(tile.min[0], tile.min[1])) - origin;
         let tile_from_pixel = Mat2::from_cols(across, down).inverse();
+        let ray = Vec2::new(seen_from.dot(right), seen_from.dot(up));
+        let slant = (seen_from.dot(toward) - a * ray.x - b * ray.y).max(MIN_SLANT);
+        let extent = Vec2::from(tile.max) - Vec2::from(tile.min);
+        // Shares of the tile by depth before its plane.
+        let shift = ray / slant / Vec2::new(extent.x, -extent.y);
+        let half_texel = Vec2::new(0.5 / f32::from(tile.size[0]), 0.5 / f32::from(tile.size[1]));
         let corners = [
             origin,
             origin + across,
@@ -127,26 +135,28 @@ pub fn impostor(
             .max(Vec2::ZERO);
         let high = corners.into_iter().reduce(Vec2::max).unwrap().ceil();
         let high = high.min(Vec2::splat(camera.size as f32));
-        let texels_per_pixel = f32::from(tile.size[0]) / across.length();
-        let mip = (texels_per_pixel.log2() + mip_bias())
+        let texels_per_pixel = f32::from(tile.size[0]) / extent.x / camera.scale;
+        let mip = (texels_per_pixel.max(1.0).log2() + MIP_BIAS)
             .round()
             .clamp(0.0, (i.atlas.mip_count - 1) as f32) as u32;
+        let depth_of = |surface: [f32; 4]| (surface[3] / 255.0 * 2.0 - 1.0) * quad.depth_extent;
         for y in low.y as u32..high.y as u32 {
             for x in low.x as u32..high.x as u32 {
-                let at = tile_from_pixel * (Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - origin);
+                let mut at = tile_from_pixel * (Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - origin);
                 if !(0.0..1.0).contains(&at.x) || !(0.0..1.0).contains(&at.y) {
                     continue;
                 }
-                let (color, surface) = fetch(i, tile, mip, at);
+                let plane = Vec2::new(tile.min[0] + extent.x * at.x, tile.max[1] - extent.y * at.y);
+                if is_soft {
+                    let surface = fetch(i, &tile, mip, at, true).1;
+                    let before = depth_of(surface) - (a * plane.x + b * plane.y + c);
+                    at = (at + before * shift).clamp(half_texel, 1.0 - half_texel);
+                }
+                let (color, surface) = fetch(i, &tile, mip, at, false);
                 if color[3] < 127.5 {
                     continue;
                 }
-                let z = (surface[3] / 255.0 * 2.0 - 1.0) * quad.depth_extent;
-                let plane = Vec2::new(
-                    tile.min[0] + (tile.max[0] - tile.min[0]) * at.x,
-                    tile.max[1] - (tile.max[1] - tile.min[1]) * at.y,
-                );
-                let depth = place(plane.x, plane.y, z).dot(camera.direction);
+                let depth = place(plane.x, plane.y, depth_of(surface)).dot(camera.direction);
                 let pixel = (y * camera.size + x) as usize;
                 if depth > depths[pixel] {
                     depths[pixel] = depth;
@@ -158,13 +168,51 @@ pub fn impostor(
     out
 }
 
-/// Bilinear within one mip.
-fn fetch(i: &Impostors, tile: &Tile, mip: u32, at: Vec2) -> ([f32; 4], [f32; 4]) {
+/// The tile without the texels around it that show nothing, but for one on each side, as the renderer draws it.
+fn trimmed(i: &Impostors, tile: &Tile, least: u8) -> Tile {
+    let [columns, rows] = tile.size.map(u32::from);
+    let (mut first, mut last) = ([columns, rows], [0, 0]);
+    for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
+        let at = (u32::from(tile.texel[1]) + y) * i.atlas.width + u32::from(tile.texel[0]) + x;
+        if i.atlas.color[at as usize][3] >= least {
+            first = [first[0].min(x), first[1].min(y)];
+            last = [last[0].max(x + 1), last[1].max(y + 1)];
+        }
+    }
+    if first[0] >= last[0] {
+        return *tile;
+    }
+    let (first, last) = (
+        first.map(|x| x.saturating_sub(1)),
+        [(last[0] + 1).min(columns), (last[1] + 1).min(rows)],
+    );
+    let side = (tile.max[0] - tile.min[0]) / columns as f32;
+    Tile {
+        min: [
+            tile.min[0] + first[0] as f32 * side,
+            tile.max[1] - last[1] as f32 * side,
+        ],
+        max: [
+            tile.min[0] + last[0] as f32 * side,
+            tile.max[1] - first[1] as f32 * side,
+        ],
+        texel: [
+            tile.texel[0] + first[0] as u16,
+            tile.texel[1] + first[1] as u16,
+        ],
+        size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
+        lean: tile.lean,
+    }
+}
+
+/// Colour and surface within one mip, bilinear, or of the nearest texel.
+fn fetch(i: &Impostors, tile: &Tile, mip: u32, at: Vec2, nearest: bool) -> ([f32; 4], [f32; 4]) {
     let (width, height, first) = i.atlas.mip(mip);
     let scale = 1.0 / (1 << mip) as f32;
     let corner = Vec2::new(tile.texel[0].into(), tile.texel[1].into()) * scale;
     let size = Vec2::new(tile.size[0].into(), tile.size[1].into()) * scale;
     let place = corner + at * size - 0.5;
+    let place = if nearest { place.round() } else { place };
     let low = place.floor();
     let part = place - low;
     let (mut color, mut surface) = ([0.0; 4], [0.0; 4]);

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use throng_bake::baked::{Baked, PaletteEntry};
-use throng_bake::impostor::build::ImpostorOptions;
+use throng_bake::impostor::build::{Built, ImpostorOptions};
 use throng_bake::impostor::pose::palette_at;
 use throng_bake::impostor::{Impostors, Kind};
 
@@ -32,10 +32,11 @@ fn camera(baked: &Baked, palette: &[PaletteEntry], direction: Vec3) -> Camera {
     Camera::new(direction, (min + max) * 0.5, scale(baked), SIZE_PX)
 }
 
-/// Poses over all clips, between the captured ones.
-fn poses(baked: &Baked, count: usize) -> Vec<Vec<PaletteEntry>> {
+/// Poses over all clips from `first` on.
+fn poses(baked: &Baked, first: usize, count: usize) -> Vec<Vec<PaletteEntry>> {
+    let clips = baked.clips.len() - first;
     (0..count)
-        .map(|i| palette_at(baked, i % baked.clips.len(), (i as f32 * 0.618).fract()))
+        .map(|i| palette_at(baked, first + i % clips, (i as f32 * 0.618).fract()))
         .collect()
 }
 
@@ -61,9 +62,13 @@ fn figures(all: &[Difference]) -> Figures {
     }
 }
 
-fn measure_flat(baked: &Baked, i: &Impostors) -> Vec<(usize, Vec3, Difference)> {
+fn measure_flat(
+    baked: &Baked,
+    i: &Impostors,
+    poses: &[Vec<PaletteEntry>],
+) -> Vec<(usize, Vec3, Difference)> {
     let mut out = Vec::new();
-    for (p, palette) in poses(baked, 20).iter().enumerate() {
+    for (p, palette) in poses.iter().enumerate() {
         for direction in directions(views(), -0.3) {
             let camera = camera(baked, palette, direction);
             let shown = impostor(i, Kind::Flat, palette, 0, &camera);
@@ -98,11 +103,17 @@ fn measure_quad(baked: &Baked, i: &Impostors) -> Vec<(usize, Vec3, Difference)> 
     out
 }
 
-fn show(baked: &Baked, i: &Impostors, name: &str, pick: &[(usize, Vec3)]) {
+fn show(
+    baked: &Baked,
+    i: &Impostors,
+    name: &str,
+    poses: &[Vec<PaletteEntry>],
+    pick: &[(usize, Vec3)],
+) {
     let side = SIZE_PX * 4;
     let mut image = image::RgbImage::new(side * pick.len() as u32, side * 2);
     for (n, (p, direction)) in pick.iter().enumerate() {
-        let palette = &poses(baked, 20)[*p];
+        let palette = &poses[*p];
         let mut camera = camera(baked, palette, *direction);
         (camera.scale, camera.size) = (camera.scale * 8.0, side);
         for (row, pixels) in [
@@ -186,73 +197,96 @@ fn flat_impostors_keep_the_silhouette_in_clips_unseen_at_capture() {
     assert!(compare(&whole, &shown, SIZE_PX).iou < 0.87);
 }
 
+/// Options with what `CONFIG` says, such as `quad_view_cuts=4 quad_texels_per_height=32`.
+fn options() -> ImpostorOptions {
+    let mut o = ImpostorOptions::default();
+    let config = std::env::var("CONFIG").unwrap_or_default();
+    for (key, value) in config.split_whitespace().filter_map(|w| w.split_once('=')) {
+        let number: f32 = value.parse().unwrap();
+        match key {
+            "body_view_cuts" => o.body_view_cuts = number as u32,
+            "head_view_cuts" => o.head_view_cuts = number as u32,
+            "quad_view_cuts" => o.quad_view_cuts = number as u32,
+            "quad_lowest_y" => o.quad_lowest_y = number,
+            "texels_per_height" => o.texels_per_height = number,
+            "quad_texels_per_height" => o.quad_texels_per_height = number,
+            "quad_poses_per_clip" => o.quad_poses_per_clip = number as u32,
+            "mask_samples" => o.mask_samples = number as u32,
+            "memory" => o.memory_limit_bytes = number as u64,
+            "mips" => o.mip_count = number as u32,
+            other => panic!("{other}"),
+        }
+    }
+    o
+}
+
+/// Of the characters in `LOOK`: `flat` in clips that its masks never saw, `quad` in all clips.
 #[test]
 #[ignore = "prints; for tuning"]
 fn print_figures() {
     let names = std::env::var("LOOK").unwrap_or_else(|_| "man_suit".into());
-    // By configuration: cuts, texels, masks, kinds.
-    let configs = std::env::var("CONFIGS").unwrap_or_else(|_| "3,64,12,fq".into());
+    let kinds = std::env::var("KINDS").unwrap_or_else(|_| "fq".into());
     for name in names.split(',') {
         let Some(baked) = baked(name) else { return };
-        for config in configs.split(';') {
-            let words: Vec<&str> = config.split(',').collect();
-            let mut kinds = Vec::new();
-            if words[3].contains('f') {
-                kinds.push(Kind::Flat);
-            }
-            if words[3].contains('q') {
-                kinds.push(Kind::Quad);
-            }
+        if kinds.contains('f') {
+            let clips = baked.clips.len();
+            let known = clips.div_ceil(2);
+            // As much memory as it gets beside the other kind.
             let options = ImpostorOptions {
-                kinds,
-                body_view_cuts: words[0].parse().unwrap(),
-                texels_per_height: words[1].parse().unwrap(),
-                mask_samples: words[2].parse().unwrap(),
-                ..ImpostorOptions::default()
+                kinds: vec![Kind::Flat],
+                memory_limit_bytes: options().memory_limit_bytes / 6,
+                ..options()
             };
-            let start = std::time::Instant::now();
+            let built = built(&with_clips(&baked, known), &options);
+            let first_unseen = if known < clips { known } else { 0 };
+            let poses = poses(&baked, first_unseen, 20);
+            let all = measure_flat(&baked, &built.impostors, &poses);
+            let worst = say(name, "flat", &built, &all);
+            let mut holes = all.clone();
+            holes.sort_by_key(|d| std::cmp::Reverse(d.2.holes));
+            let middle = &worst[all.len() / 2];
+            let pick = [
+                &worst[0], &worst[1], &worst[5], &holes[0], &holes[3], middle,
+            ];
+            let pick = pick.map(|w| (w.0, w.1));
+            show(&baked, &built.impostors, name, &poses, &pick);
+        }
+        if kinds.contains('q') {
+            let options = ImpostorOptions {
+                kinds: vec![Kind::Quad],
+                memory_limit_bytes: options().memory_limit_bytes * 5 / 6,
+                ..options()
+            };
             let built = built(&baked, &options);
-            let i = built.impostors;
-            println!(
-                "{name} {config}: {:.1} s, {} bytes, {} tiles {:?}",
-                start.elapsed().as_secs_f32(),
-                i.atlas.size_bytes(),
-                i.tiles.len(),
-                built.warnings
-            );
-            for kind in &options.kinds {
-                let all = match kind {
-                    Kind::Flat => measure_flat(&baked, &i),
-                    Kind::Quad => measure_quad(&baked, &i),
-                };
-                let f = figures(&all.iter().map(|d| d.2).collect::<Vec<_>>());
-                println!(
-                    "  {kind:?}: mean IoU {:.3}, worst {:.3}, holes {}, stray {}, bias {:.3}",
-                    f.mean_iou, f.worst_iou, f.holes, f.stray, f.bias
-                );
-                let mut worst = all.clone();
-                worst.sort_by(|a, b| a.2.iou.total_cmp(&b.2.iou));
-                for (p, d, x) in &worst[..2] {
-                    println!("     pose {p} from {d:.2}: {x:?}");
-                }
-                if *kind == Kind::Flat {
-                    let mut holes = all.clone();
-                    holes.sort_by_key(|d| std::cmp::Reverse(d.2.holes));
-                    let middle = all.len() / 2;
-                    let pick: Vec<(usize, Vec3)> = [
-                        worst[0],
-                        worst[1],
-                        worst[5],
-                        holes[0],
-                        holes[3],
-                        worst[middle],
-                    ]
-                    .iter()
-                    .map(|w| (w.0, w.1))
-                    .collect();
-                    show(&baked, &i, name, &pick);
-                }
-            }
+            let all = measure_quad(&baked, &built.impostors);
+            say(name, "quad", &built, &all);
         }
     }
+}
+
+/// Prints, and sorts by overlap.
+fn say(
+    name: &str,
+    kind: &str,
+    built: &Built,
+    all: &[(usize, Vec3, Difference)],
+) -> Vec<(usize, Vec3, Difference)> {
+    let f = figures(&all.iter().map(|d| d.2).collect::<Vec<_>>());
+    println!(
+        "{name} {kind}: mean IoU {:.3}, worst {:.3}, holes {}, stray {}, bias {:.3}; {} tiles, {} bytes {:?}",
+        f.mean_iou,
+        f.worst_iou,
+        f.holes,
+        f.stray,
+        f.bias,
+        built.impostors.tiles.len(),
+        built.impostors.atlas.size_bytes(),
+        built.warnings
+    );
+    let mut worst = all.to_vec();
+    worst.sort_by(|a, b| a.2.iou.total_cmp(&b.2.iou));
+    for (p, d, x) in &worst[..2] {
+        println!("     pose {p} from {d:.2}: {x:?}");
+    }
+    worst
 }
