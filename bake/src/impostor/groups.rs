@@ -26,6 +26,8 @@ pub const MAX_GROUPS: usize = 64;
 const POSES: usize = 48;
 /// A rotation that any joint may make, radians: what a merge costs at least, in place of clips not seen yet.
 const FREE_ROTATION: f32 = 0.15;
+/// The same for people's arms and legs, which bend in some clip sooner or later.
+const FREE_LIMB_ROTATION: f32 = 0.5;
 /// Joints with less than this share of the surface are no group of their own.
 const LEAST_SHARE: f64 = 1e-3;
 
@@ -189,7 +191,11 @@ impl Joints {
         let places = super::pose::joint_places(baked);
         let mut misplaced = vec![0.0; count * count];
         for joint in (0..count).filter(|&j| shares[j] > 0.0) {
-            let free = free_motion(&moments[joint], places[joint]);
+            let rotation = match is_limb(&name_of(joint)) {
+                true => FREE_LIMB_ROTATION,
+                false => FREE_ROTATION,
+            };
+            let free = free_motion(&moments[joint], places[joint], rotation);
             for follows in (0..count).filter(|&d| d != joint) {
                 misplaced[joint * count + follows] =
                     free + clip_motion(&moments[joint], &poses, joint, follows);
@@ -377,12 +383,12 @@ fn clip_motion(moments: &Mat4, poses: &[Vec<Affine3A>], joint: usize, follows: u
     (sum / poses.len().max(1) as f32).max(0.0)
 }
 
-/// What a small rotation about the joint's place costs.
-fn free_motion(moments: &Mat4, place: Vec3) -> f32 {
+/// What a rotation about the joint's place costs.
+fn free_motion(moments: &Mat4, place: Vec3, rotation: f32) -> f32 {
     let (first, share) = (moments.w_axis.truncate(), moments.w_axis.w);
     let spread = moments.x_axis.x + moments.y_axis.y + moments.z_axis.z - 2.0 * first.dot(place)
         + share * place.length_squared();
-    FREE_ROTATION * FREE_ROTATION * spread.max(0.0)
+    rotation * rotation * spread.max(0.0)
 }
 
 fn members_by_group(of: &[usize]) -> BTreeMap<usize, Vec<usize>> {
@@ -456,6 +462,15 @@ impl Extremity {
 fn is_subordinate(name: &str) -> bool {
     const WORDS: &[&str] = &[
         "twist", "roll", "helper", "leaf", "end", "nub", "tip", "correct",
+    ];
+    words(name).iter().any(|w| WORDS.contains(&w.as_str()))
+}
+
+/// The joint turns an upper or lower arm or leg.
+fn is_limb(name: &str) -> bool {
+    const WORDS: &[&str] = &[
+        "arm", "upperarm", "forearm", "lowerarm", "elbow", "leg", "upperleg", "upleg", "lowerleg",
+        "thigh", "shin", "calf", "knee",
     ];
     words(name).iter().any(|w| WORDS.contains(&w.as_str()))
 }
