@@ -79,11 +79,10 @@ pub(super) fn depths(baked: &Baked, skins: &[Skin]) -> impl Fn(Vec3) -> f32 + us
 pub(super) fn plan(
     baked: &Baked,
     skins: &[Skin],
-    views: &ViewSet,
+    (views, turn): (&ViewSet, f32),
     texel: f32,
     most_poses: u32,
     texel_limit: u64,
-    turn: f32,
     (margin, multiple): (u32, u32),
 ) -> PosePlan {
     let clips: Vec<ClipSize> = (0..baked.clips.len())

@@ -186,11 +186,10 @@ pub(super) fn plan_quad(
         let plan = clip_poses::plan(
             baked,
             skins,
-            &views,
+            (&views, turn),
             wanted,
             options.quad_poses_per_clip,
             texel_limit,
-            turn,
             (options.margin(), options.multiple()),
         );
         (views, plan)
