@@ -81,7 +81,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, uint picture : SV_InstanceID)
     float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
     o.uv_layer_weight = float4(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu),
         WeightInGroup(v, capture.group));
-    o.part = min(v.head.y >> 24, 63u) | (v.tail.w << 6);
+    o.part = v.tail.w;
     o.inside = float4(o.position.xy - capture.clip_min, capture.clip_max - o.position.xy);
     return o;
 }

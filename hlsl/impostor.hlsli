@@ -11,6 +11,7 @@
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 #include "light.hlsli"
+#include "tint.hlsli"
 
 // Least cosine between the eye's ray and a picture's plane that pixels are shifted for: no further at flatter angles.
 static const float MIN_SLANT = 0.4;

@@ -7,6 +7,7 @@
 #include "color.hlsli"
 #include "instance.hlsli"
 #include "light.hlsli"
+#include "tint.hlsli"
 
 #ifdef TEXTURED
 [[vk::binding(4, 1)]] Texture2DArray<float4> albedo_texture; // sRGB-encoded colour, linear alpha
@@ -36,8 +37,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     uint packed = v.tail.x;
     float4 color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
-    float code = float(min(v.head.y >> 24, 63u) | (v.tail.w << 6));
-    color.rgb = MeanOfTints(LinearFromSrgb(color.rgb), v.tail.w) * TintOf(TintRandom(instance.tint_seed), code);
+    color.rgb = TintedColor(color.rgb, float(v.tail.w), instance.tint_seed);
 
     float3 to_eye = frame.eye - skinned.position;
     float distance = length(to_eye);

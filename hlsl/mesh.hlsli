@@ -14,7 +14,7 @@
 struct PackedVertex
 {
     uint4 head; // position xy | position z, layer, body part | normal | uv
-    uint4 tail; // colour | joints | weights | tint rule
+    uint4 tail; // colour | joints | weights | tint code
 };
 
 // The living ancestor of a vertex, both numbered within the submesh.

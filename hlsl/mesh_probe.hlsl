@@ -2,9 +2,10 @@
 // tests can compare it with the twin. Twin: src/reference/mesh.rs. Threads: one per vertex number.
 
 #include "mesh.hlsli"
+#include "tint.hlsli"
 
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // position, normal; 2 per vertex
+[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // position, normal, colour before light and texture; 3 per vertex
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSMain(uint3 thread : SV_DispatchThreadID)
@@ -14,7 +15,11 @@ void CSMain(uint3 thread : SV_DispatchThreadID)
         return;
     }
     Instance instance = instances[draw.probe_instance];
-    Skinned skinned = SkinVertex(LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count)), instance);
-    probed[2u * thread.x] = float4(skinned.position, 1.0);
-    probed[2u * thread.x + 1u] = float4(skinned.normal, 0.0);
+    PackedVertex v = LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count));
+    Skinned skinned = SkinVertex(v, instance);
+    uint packed = v.tail.x;
+    float3 color = float3(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu) * (1.0 / 255.0);
+    probed[3u * thread.x] = float4(skinned.position, 1.0);
+    probed[3u * thread.x + 1u] = float4(skinned.normal, 0.0);
+    probed[3u * thread.x + 2u] = float4(TintedColor(color, float(v.tail.w), instance.tint_seed), 0.0);
 }

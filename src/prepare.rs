@@ -292,7 +292,7 @@ pub fn submesh_draws(baked: &Baked) -> Vec<SubmeshDraw> {
         .collect()
 }
 
-/// The vertex texture: the baked vertex in 7 words and its body part's tint rule in the 8th, `[vertex_count]`.
+/// The vertex texture: the baked vertex in 7 words and its body part's tint code in the 8th, `[vertex_count]`.
 /// Vertices without a texture get the layer behind the last, which is white.
 pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
     baked
@@ -300,14 +300,14 @@ pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
         .iter()
         .map(|v| {
             let mut v = *v;
-            let rule = baked.body_parts[v.body_part as usize].tint as u32;
+            let code = baked.body_parts[v.body_part as usize].code(v.body_part);
             if v.layer == Mesh::UNTEXTURED {
                 v.layer = baked.textures.layer_count as u8;
             }
             let words: [u32; 7] = bytemuck::cast(v);
             let mut texels = [0; 8];
             texels[..7].copy_from_slice(&words);
-            texels[7] = rule;
+            texels[7] = code.into();
             texels
         })
         .collect()

@@ -17,6 +17,8 @@ const SIZE: [u32; 2] = [256, 256];
 /// Positions are metres and angles are short: single precision leaves less than this.
 const POSITION_TOLERANCE: f32 = 1e-4;
 const NORMAL_TOLERANCE: f32 = 1e-3;
+/// Colours: the random numbers of tints are fractions of numbers in the thousands.
+const COLOR_TOLERANCE: f32 = 4e-3;
 
 fn twin(headless: &Headless, agents: &[Agent], view: &View, options: &FrameOptions) -> Selection {
     let tables = headless.tables();
@@ -213,13 +215,14 @@ fn a_corrupted_selection_is_found() {
     corrupt(&|s| s.instances[0].shadow_radius += 0.01);
 }
 
-/// The largest difference of positions and of normals.
-fn differences(gpu: &[Skinned], cpu: &[Skinned]) -> (f32, f32) {
+/// The largest difference of positions, of normals and of colours.
+fn differences(gpu: &[Skinned], cpu: &[Skinned]) -> (f32, f32, f32) {
     assert_eq!(gpu.len(), cpu.len());
-    gpu.iter().zip(cpu).fold((0.0, 0.0), |worst, (g, c)| {
+    gpu.iter().zip(cpu).fold((0.0, 0.0, 0.0), |worst, (g, c)| {
         (
             worst.0.max(distance(g.position, c.position)),
             worst.1.max(distance(g.normal, c.normal)),
+            worst.2.max(distance(g.color, c.color)),
         )
     })
 }
@@ -265,12 +268,15 @@ fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixe
                 best.0
             );
             assert!(best.1 < NORMAL_TOLERANCE, "normals differ by {}", best.1);
+            assert!(best.2 < COLOR_TOLERANCE, "colours differ by {}", best.2);
             // The comparator is not blind.
             let mut bad = cpu.clone();
             bad[0].position.x += 1e-3;
             assert!(differences(&bad, &cpu).0 > POSITION_TOLERANCE);
             bad[0].normal = -bad[0].normal;
             assert!(differences(&bad, &cpu).1 > NORMAL_TOLERANCE);
+            bad[0].color.y += 0.01;
+            assert!(differences(&bad, &cpu).2 > COLOR_TOLERANCE);
             bad[0].position.x = f32::NAN;
             assert!(differences(&bad, &cpu).0 > POSITION_TOLERANCE);
         }

@@ -1,11 +1,11 @@
 //! The driver: imported character in, baked character out.
 
-use std::collections::HashSet;
 use std::time::Instant;
 
 use glam::{Vec2, Vec3};
 
-use crate::baked::{Baked, BodyPart, Tint, Vertex};
+use crate::baked::{Baked, Vertex};
+use crate::body_parts::body_parts;
 use crate::character::{Character, Image};
 use crate::error::BakeError;
 use crate::mesh::Mesh;
@@ -219,48 +219,5 @@ fn encode(
         color: mesh.colors[v],
         joints,
         weights,
-    }
-}
-
-/// One body part per source material, with the rule that its name suggests.
-fn body_parts(character: &Character) -> Vec<BodyPart> {
-    let parts = character.materials.iter().map(|m| BodyPart {
-        name: m.name.clone(),
-        tint: tint_rule(&m.name, m.base_color_image.is_some()),
-    });
-    parts.collect()
-}
-
-/// How far a tint may go, by the words of a material's name. A texture may hold skin and clothes at once, so it stays as it
-/// is unless the name says what it is.
-fn tint_rule(name: &str, textured: bool) -> Tint {
-    const FIXED: &[&str] = &[
-        "eye", "teeth", "tooth", "mouth", "tongue", "lip", "face", "pupil", "lens", "metal",
-        "weapon",
-    ];
-    const NATURAL: &[&str] = &[
-        "skin", "hair", "brow", "beard", "body", "fur", "hoof", "mane", "hand", "head", "muzzle",
-        "nose", "horn", "feather", "main",
-    ];
-    const FREE: &[&str] = &[
-        "shirt", "trouser", "pant", "shoe", "boot", "sock", "cloth", "dress", "skirt", "suit",
-        "jacket", "coat", "hood", "hat", "cap", "tie", "vest", "short", "scarf", "glove", "belt",
-        "helmet", "sweater", "jean", "bag", "top", "bottom", "sleeve",
-    ];
-    let lower = name.to_lowercase();
-    let words: HashSet<&str> = lower.split(|c: char| !c.is_alphabetic()).collect();
-    let says = |list: &[&str]| {
-        list.iter()
-            .any(|w| words.iter().any(|word| word.starts_with(w)))
-    };
-    if says(FIXED) {
-        Tint::Fixed
-    } else if says(NATURAL) {
-        Tint::Natural
-    } else if says(FREE) {
-        Tint::Free
-    } else {
-        // A plain colour of unknown meaning: people expect it to look as it was made.
-        if textured { Tint::Fixed } else { Tint::Natural }
     }
 }

@@ -180,10 +180,26 @@ pub struct BodyPart {
 pub enum Tint {
     /// Never: eyes, teeth, textured wholes.
     Fixed = 0,
-    /// Lightness only, within natural ranges: skin, hair, fur.
+    /// A little lighter or darker, warmer or cooler: fur, and whatever should look as it was made, or nearly so.
     Natural = 1,
-    /// Any hue: clothes.
+    /// Any hue, saturation and value: clothes.
     Free = 2,
+    /// A person's, from dark to light.
+    Skin = 3,
+    /// A person's: black, brown, blond, red or grey.
+    Hair = 4,
+}
+
+impl BodyPart {
+    /// What vertices and impostors say of the body part with this index: everything that its tints follow from. All skin of an
+    /// agent is of one tint, as is all hair; of what else there is, each part has its own.
+    pub fn code(&self, index: u8) -> u8 {
+        match self.tint {
+            Tint::Skin => 3 << 6,
+            Tint::Hair => 3 << 6 | 1 << 5,
+            rule => (rule as u8) << 6 | index.min(63),
+        }
+    }
 }
 
 /// Equal-sized layers, 8-bit sRGB colour with linear alpha, full mip chains.

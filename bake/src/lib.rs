@@ -9,6 +9,7 @@
 pub mod bake;
 pub mod baked;
 pub mod bc7;
+pub mod body_parts;
 pub mod character;
 pub mod error;
 pub mod export;
@@ -25,4 +26,5 @@ pub mod quantize;
 pub mod simplify;
 pub mod sliding_tris;
 pub mod texture;
+pub mod tint;
 pub mod validate;

@@ -19,7 +19,8 @@ use super::source;
 #[command(
     long_about = "Bakes character files (.glb, .gltf, .obj; or builtin:NAME): one continuous level of detail over the \
                   whole character that holds in all of its animations, the sampled animations and their bounds, and \
-                  impostors, the pictures that far agents are drawn as. The same input and options, and the same \
+                  impostors, the pictures that far agents are drawn as. INPUT.tints.toml beside an input says which of its \
+                  materials are fixed, natural, cloth, skin or hair, where their names do not. The same input and options, and the same \
                   driver for the pictures, give the same bytes.",
     after_help = "Examples:\n  \
                   throng bake fox.glb -o fox.throng\n  \

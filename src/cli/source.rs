@@ -6,6 +6,7 @@ use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
 use throng_bake::bake::{BakeOptions, BakeTimes, bake};
 use throng_bake::baked::Baked;
+use throng_bake::body_parts::apply_sidecar;
 use throng_bake::character::Character;
 use throng_bake::{file, import, people};
 
@@ -87,7 +88,8 @@ fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Dra
             return Ok(None);
         };
         let impostors = recipe.impostors.as_ref().map(|p| p.identity(source));
-        let identity = format!("{:?} {:?}", recipe.options, impostors.transpose()?);
+        let (options, tints) = (&recipe.options, tints(source)?);
+        let identity = format!("{options:?} {:?} {tints:?}", impostors.transpose()?);
         Ok(Some(cache.place(&subject, &identity)))
     };
     let cached = |place: &Option<PathBuf>| -> Option<Baked> {
@@ -129,7 +131,24 @@ pub fn bake_character(
     let line = progress.spinner(&format!("Baking {}", character.name));
     let result = bake(character, options, &mut |stage| line.set_message(stage));
     line.finish_and_clear();
-    result.map_err(|e| anyhow!("{source}: {e}"))
+    let (mut baked, times) = result.map_err(|e| anyhow!("{source}: {e}"))?;
+    if let Some((path, text)) = tints(source)? {
+        progress.note(&format!("{source}: tints from {}", path.display()));
+        apply_sidecar(&path, &text, &mut baked)?;
+    }
+    Ok((baked, times))
+}
+
+/// The file beside a source that says what its materials are, and its text.
+fn tints(source: &str) -> Result<Option<(PathBuf, String)>> {
+    let path = Path::new(source).with_extension("tints.toml");
+    if source.starts_with(BUILTIN) || !path.is_file() {
+        return Ok(None);
+    }
+    match std::fs::read_to_string(&path) {
+        Ok(text) => Ok(Some((path, text))),
+        Err(e) => bail!("{}: {e}", path.display()),
+    }
 }
 
 fn builtin(name: &str) -> Result<Character> {

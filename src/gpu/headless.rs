@@ -298,10 +298,11 @@ impl Headless {
     ) -> Result<Vec<crate::reference::mesh::Skinned>, RenderError> {
         let rows = self.probe(character, Probed::Mesh(submesh), instance)?;
         let vertices = rows
-            .chunks_exact(2)
+            .chunks_exact(3)
             .map(|r| crate::reference::mesh::Skinned {
                 position: r[0].truncate(),
                 normal: r[1].truncate(),
+                color: r[2].truncate(),
             });
         Ok(vertices.collect())
     }

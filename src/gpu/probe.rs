@@ -16,7 +16,7 @@ use crate::gpu_types::{DrawConstants, QUAD_BIN, SELECT_GROUP_SIZE};
 /// Whose vertices a probe looks at.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Probed {
-    /// A submesh; position and normal of every vertex.
+    /// A submesh; position, normal and colour of every vertex.
     Mesh(usize),
     /// An impostor kind; corner and mip, direction and depth extent, place in the atlas, shift.
     Impostor(usize),
@@ -40,7 +40,7 @@ pub(super) struct Probe {
 impl Probed {
     fn rows(self) -> usize {
         match self {
-            Self::Mesh(_) => 2,
+            Self::Mesh(_) => 3,
             Self::Impostor(_) => 4,
         }
     }

@@ -102,7 +102,6 @@ fn shade(baked: &Baked, batch: &CaptureBatch, view: &CaptureView, vertex: usize)
         (Vec2::new(p.dot(view.right), p.dot(view.up)) - view.min) / (view.max - view.min);
     let position = Vec2::new(fraction.x, 1.0 - fraction.y) * size;
     let n = skinned.normal;
-    let tint = baked.body_parts[v.body_part as usize].tint as u8;
     Corner {
         position: (position / SUBPIXEL).round() * SUBPIXEL,
         depth: p.dot(to_eye) / view.depth_extent,
@@ -111,7 +110,7 @@ fn shade(baked: &Baked, batch: &CaptureBatch, view: &CaptureView, vertex: usize)
         weight: weight_in_group(v, batch, view.group),
         uv: decode_uv(v, baked.uv_min, baked.uv_extent),
         layer: v.layer,
-        part: v.body_part.min(63) | (tint << 6),
+        part: baked.body_parts[v.body_part as usize].code(v.body_part),
     }
 }
 

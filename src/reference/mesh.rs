@@ -1,8 +1,9 @@
-//! Twin of hlsl/mesh.hlsli: collapse and palette skinning of one instance.
+//! Twin of hlsl/mesh.hlsli: collapse and palette skinning of one instance, and the tints of its colours.
 
 use glam::{Vec3, Vec4};
 use throng_bake::baked::{Baked, PaletteEntry, Vertex};
 use throng_bake::quantize::{decode_normal, decode_position, decode_weights};
+use throng_bake::tint::{mean_of_tints, tint_of, tint_random};
 
 use crate::gpu_types::Instance;
 
@@ -13,6 +14,8 @@ pub struct Skinned {
     pub position: Vec3,
     /// Unit length.
     pub normal: Vec3,
+    /// Linear, in the agent's tint; before light and texture.
+    pub color: Vec3,
 }
 
 /// Every vertex number of a submesh as an instance draws it.
@@ -66,6 +69,16 @@ pub fn living_ancestor(
     (vertex, hops)
 }
 
+/// A vertex's colour as an agent has it.
+fn tinted_color(baked: &Baked, vertex: &Vertex, tint_seed: u32) -> Vec3 {
+    let code = baked.body_parts[vertex.body_part as usize].code(vertex.body_part);
+    let [r, g, b, _] = vertex.color.map(|c| f32::from(c) / 255.0);
+    // The shader's polynomial.
+    let linear = |c: f32| c * (c * (c * 0.305_306 + 0.682_171_1) + 0.012_522_878);
+    let mean = mean_of_tints(Vec3::new(linear(r), linear(g), linear(b)), code);
+    mean * tint_of(tint_random(tint_seed), code)
+}
+
 /// A vertex with its instance's influences and frames of `palette`, at its agent's place.
 pub(super) fn skin_vertex(
     baked: &Baked,
@@ -101,5 +114,6 @@ pub(super) fn skin_vertex(
     Skinned {
         position: Vec3::from(instance.position) + turn(model),
         normal: turn(normal).normalize_or_zero(),
+        color: tinted_color(baked, vertex, instance.tint_seed),
     }
 }

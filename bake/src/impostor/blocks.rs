@@ -8,8 +8,8 @@ use glam::Vec4;
 use rayon::prelude::*;
 
 use super::Atlas;
-use super::tint::spread;
 use crate::bc7::{Block, Texels, Weights, ZERO, decode, encode, encode_labels};
+use crate::tint::spread;
 
 /// Red, green, blue and coverage: about how bright they are, and coverage as much as all.
 const COLOR_WEIGHTS: Vec4 = Vec4::new(0.8, 1.6, 0.5, 1.6);

@@ -24,7 +24,6 @@ mod plan;
 pub mod pose;
 mod realise;
 mod take;
-pub mod tint;
 pub(crate) mod validate;
 pub mod views;
 

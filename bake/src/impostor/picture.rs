@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use glam::{UVec2, Vec2, Vec3};
 
 use super::capture::CapturedView;
-use super::tint::mean_of_tints;
+use crate::tint::mean_of_tints;
 
 /// Alpha of the last texel that shows. Above half, because filtering rounds what sticks out: silhouettes then keep their
 /// area.
