@@ -78,7 +78,9 @@ float4 PSMain(Interpolants i) : SV_Target
 #endif
 #ifdef TEXTURED
     color *= albedo_texture.Sample(albedo_sampler, i.uv_layer.xyz);
-    color.rgb = lerp(SrgbFromLinear(frame.haze), color.rgb, i.uv_layer.w);
+    // Light mixes linearly, as it does for vertices without a texture: squares are near enough to linear colour.
+    float3 haze = SrgbFromLinear(frame.haze);
+    color.rgb = sqrt(lerp(haze * haze, color.rgb * color.rgb, i.uv_layer.w));
 #endif
     if (ALPHA_TESTED)
     {

@@ -308,6 +308,72 @@ fn every_vertex_shader_run_is_counted() {
     assert!(runs <= 3 * report.triangles);
 }
 
+/// A dark surface far away has one colour, whether a texture or its vertices say it.
+#[test]
+fn haze_is_the_same_before_textures_and_colours() {
+    use throng::bake::character::{Alpha, Image};
+    let srgb = [45u8, 36, 30];
+    let mut plain = common::mascot();
+    for material in &mut plain.materials {
+        material.name = "fixed".into();
+        material.base_color = [1.0; 4];
+        material.alpha = Alpha::Opaque;
+    }
+    let mut textured = plain.clone();
+    let linear = srgb.map(|c| ((c as f32 / 255.0 + 0.055) / 1.055).powf(2.4));
+    let [r, g, b] = linear;
+    for material in &mut plain.materials {
+        material.base_color = [r, g, b, 1.0];
+        material.base_color_image = None;
+    }
+    let [r, g, b] = srgb;
+    textured.images = vec![Image {
+        name: "dark".into(),
+        width: 4,
+        height: 4,
+        pixels: vec![[r, g, b, 255]; 16],
+    }];
+    for material in &mut textured.materials {
+        material.base_color_image = Some(0);
+    }
+    for part in &mut textured.parts {
+        part.uvs = vec![glam::Vec2::splat(0.5); part.positions.len()];
+    }
+    let mut headless = headless(SIZE);
+    let full = FrameOptions {
+        ground: false,
+        sky: false,
+        ..options(Method::Full)
+    };
+    let colors = [plain, textured].map(|character| {
+        let (baked, _) = throng::bake::bake::bake(&character, &Default::default(), &mut |_| {})
+            .expect("the fixture bakes");
+        let id = headless.add_character(&baked).expect("it uploads");
+        [10.0f32, 300.0].map(|distance| {
+            let agent = Agent {
+                position: Vec3::new(0.0, -distance * 0.3, -distance),
+                scale: distance * 0.3,
+                character: id,
+                ..Default::default()
+            };
+            frame(&mut headless, &[agent], &full);
+            let pixels = headless.read_image().expect("a picture");
+            let background = pixels[0];
+            let body: Vec<_> = pixels.iter().filter(|p| **p != background).collect();
+            assert!(body.len() > 500, "{} pixels", body.len());
+            let sum: f64 = body.iter().map(|p| p[1] as f64).sum();
+            sum / body.len() as f64
+        })
+    });
+    let [[near, far], [near_textured, far_textured]] = colors;
+    assert!(far > near + 20.0, "there is haze: {near} {far}");
+    // Light multiplies a texture's encoded colour, which makes dark ones a little lighter.
+    assert!((near - near_textured).abs() < 8.0, "{near} {near_textured}");
+    assert!((far - far_textured).abs() < 8.0, "{far} {far_textured}");
+    println!("near {near} {near_textured}, far {far} {far_textured}");
+    assert_silent(&headless);
+}
+
 #[test]
 fn behind_the_camera_is_culled() {
     let (mut headless, id) = with_mascot();
