@@ -86,8 +86,8 @@ Seen AndPoint(Viewed v, Seen seen, float4 clip)
 }
 
 // Share of what is seen there that no occluder covers; 0 is hidden. The texels of the finest level of which few enough hold it
-// decide; whatever needs larger ones than there are, or crosses the near plane, is all open.
-float OpenShare(Viewed v, Seen seen)
+// decide; whatever needs larger ones than there are, or crosses the near plane, is all open, and so is what is not asked for.
+float OpenShare(Viewed v, Seen seen, bool asked)
 {
     float2 size = float2(v.size_px);
     float2 low = (float2(seen.low.x, -seen.high.y) * 0.5 + 0.5) * size;
@@ -102,7 +102,7 @@ float OpenShare(Viewed v, Seen seen)
         uint2 span = (last >> (PYRAMID_TOP - l)) - (first >> (PYRAMID_TOP - l));
         level = span.x < TEST_COLUMNS && span.y < TEST_ROWS ? PYRAMID_TOP - l : level;
     }
-    bool decided = level <= PYRAMID_TOP && seen.w_min > v.near;
+    bool decided = asked && level <= PYRAMID_TOP && seen.w_min > v.near;
     level = min(level, PYRAMID_TOP);
     first = first >> level;
     last = last >> level;
@@ -121,7 +121,7 @@ float OpenShare(Viewed v, Seen seen)
 }
 
 // Of an agent's bounds, whatever its clips do.
-float OpenShareOfBody(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1)
+float OpenShareOfBody(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1, bool asked)
 {
     float3 low = min(clip0.box_center - clip0.box_half_extent, clip1.box_center - clip1.box_half_extent);
     float3 high = max(clip0.box_center + clip0.box_half_extent, clip1.box_center + clip1.box_half_extent);
@@ -142,7 +142,7 @@ float OpenShareOfBody(Viewed v, AgentState agent, ClipInfo clip0, ClipInfo clip1
     seen = AndPoint(v, seen, middle + x - y + z);
     seen = AndPoint(v, seen, middle - x + y + z);
     seen = AndPoint(v, seen, middle + x + y + z);
-    return OpenShare(v, seen);
+    return OpenShare(v, seen, asked);
 }
 
 // How many times the error may be that an agent's mesh has, of which a share is open: the less of it shows, the less of the
@@ -152,8 +152,8 @@ float OpenErrorFactor(float open)
     return min(1.0 / sqrt(max(open, 1e-3)), OPEN_ERROR_MAX);
 }
 
-// The contact shadow, if there is one: a square on the ground that looks at the camera.
-bool IsShadowHidden(Viewed v, AgentState agent, float radius)
+// The contact shadow of an agent whose body is hidden, if there is one: a square on the ground that looks at the camera.
+bool IsShadowHidden(Viewed v, AgentState agent, float radius, bool body_hidden)
 {
     float2 away = agent.position.xz - v.eye.xz;
     float distance = length(away);
@@ -167,7 +167,7 @@ bool IsShadowHidden(Viewed v, AgentState agent, float radius)
     seen = AndPoint(v, seen, middle - x + z);
     seen = AndPoint(v, seen, middle + x + z);
     bool there = v.shadows && radius > 0.0 && distance < 2.0 * SHADOW_FADE_RADII * radius;
-    return !there || OpenShare(v, seen) == 0.0;
+    return !there || OpenShare(v, seen, body_hidden) == 0.0;
 }
 
 #endif

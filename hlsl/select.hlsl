@@ -366,9 +366,9 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     bool occluded = false;
 #ifdef OCCLUSION
     Viewed viewed = LoadViewed();
-    float open = OpenShareOfBody(viewed, agent, clip0, clip1);
-    occluded = visible && open == 0.0
-        && IsShadowHidden(viewed, agent, ShadowRadius(agent, character, clip0));
+    float open = OpenShareOfBody(viewed, agent, clip0, clip1, visible);
+    bool body_hidden = open == 0.0;
+    occluded = body_hidden && IsShadowHidden(viewed, agent, ShadowRadius(agent, character, clip0), body_hidden);
     visible = visible && !occluded;
     error_per_metre *= OpenErrorFactor(open);
 #endif
