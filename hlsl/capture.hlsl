@@ -72,11 +72,10 @@ Interpolants VSMain(uint vertex : SV_VertexID, uint picture : SV_InstanceID)
     float3 from_center = skinned.position - capture.center;
     float2 plane = float2(dot(from_center, capture.right), dot(from_center, capture.up));
     float depth = dot(from_center, to_eye) * capture.depth_scale;
-    uint packed = v.tail.x;
 
     Interpolants o;
     o.position = float4(plane * capture.clip_scale + capture.clip_offset, 0.5 + depth * (0.5 / CAPTURE_DEPTH_REACH), 1.0);
-    o.color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
+    o.color = DecodeColor(v);
     o.normal_depth = float4(dot(skinned.normal, capture.right), dot(skinned.normal, capture.up), dot(skinned.normal, to_eye), depth);
     float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
     o.uv_layer_weight = float4(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu),

@@ -35,8 +35,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     PackedVertex v = LoadVertex(LivingAncestor(vertex, instance.live_vertex_count));
     Skinned skinned = SkinVertex(v, instance);
 
-    uint packed = v.tail.x;
-    float4 color = float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
+    float4 color = DecodeColor(v);
     color.rgb = TintedColor(color.rgb, float(v.tail.w), instance.tint_seed);
 
     float3 to_eye = frame.eye - skinned.position;

@@ -47,6 +47,13 @@ float3 DecodePosition(PackedVertex v)
     return character.position_min + character.position_extent * fraction;
 }
 
+// sRGB-encoded colour, linear alpha.
+float4 DecodeColor(PackedVertex v)
+{
+    uint packed = v.tail.x;
+    return float4(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu, packed >> 24) * (1.0 / 255.0);
+}
+
 // Octahedral, signed 16-bit fractions; of unit length only after normalisation.
 float3 DecodeNormal(PackedVertex v)
 {

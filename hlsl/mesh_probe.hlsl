@@ -17,9 +17,7 @@ void CSMain(uint3 thread : SV_DispatchThreadID)
     Instance instance = instances[draw.probe_instance];
     PackedVertex v = LoadVertex(LivingAncestor(thread.x, instance.live_vertex_count));
     Skinned skinned = SkinVertex(v, instance);
-    uint packed = v.tail.x;
-    float3 color = float3(packed & 0xffu, (packed >> 8) & 0xffu, (packed >> 16) & 0xffu) * (1.0 / 255.0);
     probed[3u * thread.x] = float4(skinned.position, 1.0);
     probed[3u * thread.x + 1u] = float4(skinned.normal, 0.0);
-    probed[3u * thread.x + 2u] = float4(TintedColor(color, float(v.tail.w), instance.tint_seed), 0.0);
+    probed[3u * thread.x + 2u] = float4(TintedColor(DecodeColor(v).rgb, float(v.tail.w), instance.tint_seed), 0.0);
 }
