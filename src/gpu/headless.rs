@@ -55,13 +55,13 @@ impl Default for HeadlessDesc {
 pub struct Headless {
     // Dropped by `Drop` in this order; `None` only there.
     pub(super) renderer: Option<Renderer>,
-    target: Option<Target>,
+    pub(super) target: Option<Target>,
     pub(super) core: OwnDevice,
 }
 
 /// The offscreen attachments.
 pub(super) struct Target {
-    size_px: [u32; 2],
+    pub(super) size_px: [u32; 2],
     color: Image,
     depth: Image,
     readback: Buffer,
@@ -199,14 +199,7 @@ impl Headless {
             renderer.begin_frame(0)?;
             renderer.set_agents(0, agents)?;
             core.begin()?;
-            let recorded = (|| {
-                renderer.record_uploads(core.cmd)?;
-                renderer.record_select(core.cmd, 0, view, options)?;
-                target.begin_rendering(core.cmd, core.device(), renderer);
-                let drawn = renderer.record_draw(core.cmd, 0);
-                core.device().cmd_end_rendering(core.cmd);
-                drawn
-            })();
+            let recorded = target.record(core.cmd, core.device(), renderer, 0, (view, options));
             core.submit_and_wait(recorded)?;
         }
         target.drawn = true;
@@ -214,11 +207,6 @@ impl Headless {
         unsafe { renderer.report_into(0, report) }?;
         report.frame_ms = Some(start.elapsed().as_secs_f64() * 1e3);
         Ok(())
-    }
-
-    /// Size of the target.
-    pub(super) fn size_px(&self) -> Result<[u32; 2], RenderError> {
-        self.target.as_ref().map(|t| t.size_px).ok_or_else(dropped)
     }
 
     /// Draws what `record` records into the target and waits for it.
@@ -394,7 +382,7 @@ impl Drop for Headless {
     }
 }
 
-fn check_size(size_px: [u32; 2], target: &Target) -> Result<(), RenderError> {
+pub(super) fn check_size(size_px: [u32; 2], target: &Target) -> Result<(), RenderError> {
     match size_px == target.size_px {
         true => Ok(()),
         false => Err(RenderError::BadOption {
@@ -475,12 +463,30 @@ impl Target {
         renderer.cx.destroy_buffer(self.readback);
     }
 
-    pub(super) fn begin_rendering(
+    /// Records a frame of a slot.
+    ///
+    /// # Safety
+    /// The command buffer is recording and outside rendering; `begin_frame` and `set_agents` were called for the slot.
+    pub(super) unsafe fn record(
         &self,
         cmd: vk::CommandBuffer,
         device: &ash::Device,
-        renderer: &Renderer,
-    ) {
+        renderer: &mut Renderer,
+        slot: usize,
+        (view, options): (&View, &FrameOptions),
+    ) -> Result<(), RenderError> {
+        // SAFETY: this function's contract.
+        unsafe {
+            renderer.record_uploads(cmd)?;
+            renderer.record_select(cmd, slot, view, options)?;
+            self.begin_rendering(cmd, device, renderer);
+            let drawn = renderer.record_draw(cmd, slot);
+            device.cmd_end_rendering(cmd);
+            drawn
+        }
+    }
+
+    fn begin_rendering(&self, cmd: vk::CommandBuffer, device: &ash::Device, renderer: &Renderer) {
         use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
         // SAFETY: the command buffer is recording and outside rendering.
         let mut c = unsafe { Commands::new(&renderer.cx, cmd) };

@@ -256,18 +256,8 @@ impl OwnDevice {
                     None,
                 )
                 .map_err(error("vkCreateCommandPool"))?;
-            self.cmd = device
-                .allocate_command_buffers(
-                    &vk::CommandBufferAllocateInfo::default()
-                        .command_pool(self.pool)
-                        .level(vk::CommandBufferLevel::PRIMARY)
-                        .command_buffer_count(1),
-                )
-                .map_err(error("vkAllocateCommandBuffers"))?[0];
-            self.fence = device
-                .create_fence(&vk::FenceCreateInfo::default(), None)
-                .map_err(error("vkCreateFence"))?;
         }
+        (self.cmd, self.fence) = self.new_submission()?;
         Ok(())
     }
 

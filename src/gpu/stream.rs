@@ -4,8 +4,7 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::headless::{Headless, Target, dropped};
-use super::renderer::Renderer;
+use super::headless::{Headless, Target, check_size, dropped};
 use crate::error::RenderError;
 use crate::frame::{Agent, FrameOptions, View};
 
@@ -36,13 +35,11 @@ impl Headless {
                 reason: format!("{in_flight} is not in 1 to {slots}"),
             });
         }
-        let size_px = self.size_px()?;
-        if frames.iter().any(|(_, view)| view.size_px != size_px) {
-            return Err(RenderError::BadOption {
-                option: "view",
-                reason: format!("the target's size is {size_px:?}"),
-            });
+        let target = self.target.as_ref().ok_or_else(dropped)?;
+        for (_, view) in frames {
+            check_size(view.size_px, target)?;
         }
+        let size_px = target.size_px;
         let mut flights = Vec::new();
         let result = self
             .make_flights(in_flight, size_px, &mut flights)
@@ -53,10 +50,11 @@ impl Headless {
                 // Whatever happened, nothing stays pending. The oldest comes first.
                 let oldest = frames.len() % flights.len();
                 let (newer, older) = flights.split_at_mut(oldest);
+                let mut landed = Ok(());
                 for flight in older.iter_mut().chain(newer) {
-                    self.land(flight, &mut ends)?;
+                    landed = landed.and(self.land(flight, &mut ends));
                 }
-                drawn?;
+                drawn.and(landed)?;
                 let mut before = start;
                 Ok(ends
                     .into_iter()
@@ -125,7 +123,8 @@ impl Headless {
                 renderer.begin_frame(slot)?;
                 renderer.set_agents(slot, agents)?;
                 self.core.begin_on(flight.cmd)?;
-                let recorded = record(renderer, flight, slot, view, options, self.core.device());
+                let (target, device) = (&flight.target, self.core.device());
+                let recorded = target.record(flight.cmd, device, renderer, slot, (view, options));
                 self.core.submit(flight.cmd, flight.fence)?;
                 flight.pending = true;
                 recorded?;
@@ -141,26 +140,5 @@ impl Headless {
             ends.push(Instant::now());
         }
         Ok(())
-    }
-}
-
-/// # Safety
-/// The flight's command buffer is recording, and `begin_frame` was called for the slot.
-unsafe fn record(
-    renderer: &mut Renderer,
-    flight: &Flight,
-    slot: usize,
-    view: &View,
-    options: &FrameOptions,
-    device: &ash::Device,
-) -> Result<(), RenderError> {
-    // SAFETY: this function's contract.
-    unsafe {
-        renderer.record_uploads(flight.cmd)?;
-        renderer.record_select(flight.cmd, slot, view, options)?;
-        flight.target.begin_rendering(flight.cmd, device, renderer);
-        let drawn = renderer.record_draw(flight.cmd, slot);
-        device.cmd_end_rendering(flight.cmd);
-        drawn
     }
 }
