@@ -173,6 +173,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "--scene",
         &[Methods, Scale, Limit, Ramos, Path, Stream],
     )?;
+    if arguments.agents.len() > 1 && matches!(arguments.name, Path | Stream) {
+        bail!("--agents: this experiment takes one number");
+    }
     match arguments.name {
         Name::Methods | Name::Scale | Name::Limit => compare::run(arguments),
         Name::Ramos => ramos::run(arguments),
@@ -224,6 +227,13 @@ impl Arguments {
             ..Recipe::default()
         };
         Shot::new(&request, &recipe, progress)
+    }
+
+    /// Gives the shot the number of agents that was asked for, if one was.
+    fn set_agents(&self, shot: &mut Shot) {
+        if let [count] = self.agents[..] {
+            shot.set_agent_count(count);
+        }
     }
 
     fn scene_name<'a>(&'a self, default: &'a str) -> &'a str {

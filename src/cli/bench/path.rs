@@ -185,14 +185,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             methods[twice].name()
         );
     }
-    if arguments.agents.len() > 1 {
-        bail!("--agents: this experiment takes one number");
-    }
     let progress = Progress::default();
     let mut shot = arguments.shot(SCENE, true, &progress)?;
-    if let [count] = arguments.agents[..] {
-        shot.set_agent_count(count);
-    }
+    arguments.set_agents(&mut shot);
     let (camera, duration_s) = shot.fly(arguments.camera.is_some())?;
     let fps = shot.scene.frames_per_second;
     let whole = (duration_s * fps).round() as usize;

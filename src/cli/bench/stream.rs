@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use serde::Serialize;
 use throng::gpu::{Headless, HeadlessDesc};
 use throng::{Agent, FrameOptions, View};
@@ -42,11 +42,7 @@ struct Row {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
     let mut shot = arguments.shot("street", true, &progress)?;
-    match &arguments.agents[..] {
-        [] => {}
-        &[count] => shot.set_agent_count(count),
-        _ => bail!("--agents: this experiment takes one number"),
-    }
+    arguments.set_agents(&mut shot);
     let methods = match &arguments.methods[..] {
         [] => &[MethodName::Hybrid][..],
         given => given,
