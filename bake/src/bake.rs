@@ -49,9 +49,6 @@ pub struct BakeTimes {
 /// of 2 first (fewest vanished triangles drawn).
 const BAND_RATIOS: [f32; 6] = [std::f32::consts::SQRT_2, 1.5, 1.6, 1.75, 2.0, 2.5];
 
-/// Poses in which simplification measures its error: more cost time and gain nothing measurable.
-const POSE_COUNT: usize = PoseSet::DEFAULT_COUNT;
-
 /// Bakes `character`. `progress` hears the name of each stage as it begins. Same input and options, same result.
 ///
 /// Errors: [`BakeError`] when it needs more than a baked character can hold.
@@ -77,7 +74,7 @@ pub fn bake(
     done(from, &mut times);
     let from = stage("simplify", &mut times);
     let source_count = mesh.vertex_count();
-    let poses = PoseSet::choose(character, &mesh, POSE_COUNT);
+    let poses = PoseSet::choose(character, &mesh, PoseSet::DEFAULT_COUNT);
     let images: Vec<&Image> = merge::used_images(character)
         .into_iter()
         .map(|i| &character.images[i as usize])
