@@ -21,6 +21,8 @@
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
+// Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
+#define SWITCH_HEIGHT_PX 12.0
 // Texels in a row of the gallery's table.
 #define GALLERY_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.

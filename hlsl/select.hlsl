@@ -209,7 +209,8 @@ uint LevelAt(SubmeshInfo submesh, float lod_error)
 }
 
 // What draws an agent at a projected size, in bind-space units per pixel: a representation, and for the first steps of its
-// range also the one before it. Bins; BIN_NONE is the mesh.
+// range also the one before it. Small agents are drawn once: each switches somewhere within these steps, by its seed, so that
+// a crowd does not do so along a line. Bins; BIN_NONE is the mesh.
 struct Choice
 {
     uint bin;
@@ -217,7 +218,7 @@ struct Choice
     uint fade; // share of `bin`, 255ths
 };
 
-Choice ChooseRange(uint character, float units)
+Choice ChooseRange(uint character, float units, float height, uint seed)
 {
     uint4 r01 = ranges[2u * character];
     uint4 r23 = ranges[2u * character + 1u];
@@ -229,6 +230,10 @@ Choice ChooseRange(uint character, float units)
     float start = place <= 1u ? ends.x : place == 2u ? ends.y : ends.z;
     float fade = (units / start - 1.0) * (1.0 / FADE_SPAN);
     bool fades = place > 0u && fade < 1.0;
+    bool switches = height < SWITCH_HEIGHT_PX * units;
+    float own = float((seed * 0x9e3779b9u) >> 8) * (1.0 / 16777216.0);
+    choice.bin = fades && switches && fade < own ? choice.before : choice.bin;
+    fades = fades && !switches;
     choice.before = fades ? choice.before : choice.bin;
     choice.fade = fades ? uint(fade * 254.0) + 1u : 255u;
     return choice;
@@ -385,7 +390,8 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     {
         uint entry = index * stride;
         uint end = entry + stride;
-        Choice choice = ChooseRange(agent.character, pixel_angle * distance / agent.scale);
+        Choice choice = ChooseRange(
+            agent.character, pixel_angle * distance / agent.scale, 2.0 * clip0.box_half_extent.y, agent.tint_seed);
         mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
         uint submesh_count = mesh * character.submesh_count;
         for (uint s = 0u; s < submesh_count; s++)

@@ -24,6 +24,8 @@ pub const QUAD_BIN: u32 = 0;
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
 pub const FADE_SPAN: f32 = 0.06;
+/// Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
+pub const SWITCH_HEIGHT_PX: f32 = 12.0;
 /// Texels in a row of the gallery's table.
 pub const GALLERY_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.

@@ -194,60 +194,66 @@ impl Gallery {
 /// The tiles without the texels around their pictures that show nothing, but for one on each side, where edges are filtered:
 /// pixels that show nothing cost as much as others.
 pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
-    /// Coverage below which soft pictures show nothing: `SOFT_EDGE` of hlsl/impostor.hlsl.
-    const SOFT_EDGE: u8 = 51;
-    let atlas = &impostors.atlas;
-    let trim = |tile: &Tile, least: u8| {
-        let [columns, rows] = tile.size.map(u32::from);
-        let (mut first, mut last) = ([columns, rows], [0, 0]);
-        for y in 0..rows {
-            for x in 0..columns {
-                let column = u32::from(tile.texel[0]) + x;
-                let row = u32::from(tile.texel[1]) + y;
-                if atlas.color[(row * atlas.width + column) as usize][3] >= least {
-                    first = [first[0].min(x), first[1].min(y)];
-                    last = [last[0].max(x + 1), last[1].max(y + 1)];
-                }
-            }
-        }
-        if first[0] >= last[0] {
-            return *tile;
-        }
-        let first = first.map(|x| x.saturating_sub(1));
-        let last = [(last[0] + 1).min(columns), (last[1] + 1).min(rows)];
-        let texel = [
-            (tile.max[0] - tile.min[0]) / columns as f32,
-            (tile.max[1] - tile.min[1]) / rows as f32,
-        ];
-        Tile {
-            min: [
-                tile.min[0] + first[0] as f32 * texel[0],
-                tile.max[1] - last[1] as f32 * texel[1],
-            ],
-            max: [
-                tile.min[0] + last[0] as f32 * texel[0],
-                tile.max[1] - first[1] as f32 * texel[1],
-            ],
-            texel: [
-                tile.texel[0] + first[0] as u16,
-                tile.texel[1] + first[1] as u16,
-            ],
-            size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
-            lean: tile.lean,
-        }
-    };
     let mut leasts = vec![1; impostors.tiles.len()];
     for (i, quad) in impostors.quads.iter().enumerate() {
         let next = impostors.quads.get(i + 1);
         let end = next.map_or(leasts.len(), |q| q.first_tile as usize);
-        if quad.joint == NO_JOINT
-            && let Some(leasts) = leasts.get_mut(quad.first_tile as usize..end)
-        {
-            leasts.fill(SOFT_EDGE);
+        if let Some(leasts) = leasts.get_mut(quad.first_tile as usize..end) {
+            leasts.fill(least_coverage(quad));
         }
     }
     let tiles = impostors.tiles.iter().zip(leasts);
-    tiles.map(|(tile, least)| trim(tile, least)).collect()
+    tiles
+        .map(|(tile, least)| trimmed(&impostors.atlas, tile, least))
+        .collect()
+}
+
+/// Coverage below which a texel of a quad shows nothing.
+pub(crate) fn least_coverage(quad: &Quad) -> u8 {
+    /// `SOFT_EDGE` of hlsl/impostor.hlsl.
+    const SOFT_EDGE: u8 = 51;
+    if quad.joint == NO_JOINT { SOFT_EDGE } else { 1 }
+}
+
+/// [`trimmed_tiles`] of one tile.
+pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile, least: u8) -> Tile {
+    let [columns, rows] = tile.size.map(u32::from);
+    let (mut first, mut last) = ([columns, rows], [0, 0]);
+    for y in 0..rows {
+        for x in 0..columns {
+            let column = u32::from(tile.texel[0]) + x;
+            let row = u32::from(tile.texel[1]) + y;
+            if atlas.color[(row * atlas.width + column) as usize][3] >= least {
+                first = [first[0].min(x), first[1].min(y)];
+                last = [last[0].max(x + 1), last[1].max(y + 1)];
+            }
+        }
+    }
+    if first[0] >= last[0] {
+        return *tile;
+    }
+    let first = first.map(|x| x.saturating_sub(1));
+    let last = [(last[0] + 1).min(columns), (last[1] + 1).min(rows)];
+    let texel = [
+        (tile.max[0] - tile.min[0]) / columns as f32,
+        (tile.max[1] - tile.min[1]) / rows as f32,
+    ];
+    Tile {
+        min: [
+            tile.min[0] + first[0] as f32 * texel[0],
+            tile.max[1] - last[1] as f32 * texel[1],
+        ],
+        max: [
+            tile.min[0] + last[0] as f32 * texel[0],
+            tile.max[1] - first[1] as f32 * texel[1],
+        ],
+        texel: [
+            tile.texel[0] + first[0] as u16,
+            tile.texel[1] + first[1] as u16,
+        ],
+        size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
+        lean: tile.lean,
+    }
 }
 
 fn joint_texel(quad: &Quad) -> f32 {

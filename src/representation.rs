@@ -9,6 +9,7 @@ use throng_bake::impostor::{ErrorSample, Kind};
 
 use crate::frame::Method;
 use crate::gpu_types::{BIN_NONE, MAX_RANGES, QUAD_BIN, RangeInfo};
+use crate::impostor::{least_coverage, trimmed};
 
 /// What drawing costs on a device, nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,26 +18,34 @@ pub struct CostModel {
     pub mesh: f32,
     /// A triangle of a mesh.
     pub triangle: f32,
+    /// An impostor of no quads.
+    pub impostor: f32,
     /// A quad of no pixels.
     pub quad: f32,
     /// A pixel of a quad.
     pub quad_pixel: f32,
+    /// Side of the squares of pixels that are shaded together, whether a quad covers all of one or a corner, pixels.
+    pub pixel_block: f32,
 }
 
 impl CostModel {
     /// Mesa's lavapipe on two cores, as `throng bench height` fits it.
     pub const CPU: Self = Self {
-        mesh: 329.0,
-        triangle: 119.0,
-        quad: 932.0,
-        quad_pixel: 21.4,
+        mesh: 745.0,
+        triangle: 90.6,
+        impostor: 1180.0,
+        quad: 223.0,
+        quad_pixel: 21.7,
+        pixel_block: 4.0,
     };
     /// A GPU: an estimate, not measured, that takes vertices and pixels for cheap alike.
     pub const GPU: Self = Self {
         mesh: 2.0,
         triangle: 0.5,
-        quad: 1.0,
+        impostor: 0.5,
+        quad: 0.5,
         quad_pixel: 0.02,
+        pixel_block: 2.0,
     };
 }
 
@@ -62,9 +71,8 @@ pub struct ImpostorKind {
     pub first_quad_texel: u32,
     /// First of its quads within the character.
     pub first_quad: u32,
-    quad_count: f32,
-    /// Mean area of all its quads over squared height.
-    area: f32,
+    /// Mean width and height of each of its quads over the character's height, `[quad_count][2]`.
+    sizes: Vec<[f32; 2]>,
     errors: Vec<ErrorSample>,
 }
 
@@ -98,22 +106,23 @@ impl Representations {
                     Kind::Flat => own_bins.next().unwrap_or(QUAD_BIN),
                 };
                 let quads = &i.quads[info.first_quad as usize..][..info.quad_count as usize];
-                let area = quads.iter().map(|q| {
+                let sizes = quads.iter().map(|q| {
                     let views = i.view_sets[q.view_set as usize].directions.len();
-                    let tiles = &i.tiles[q.first_tile as usize..][..views];
-                    let sum: f32 = tiles
-                        .iter()
-                        .map(|t| (t.max[0] - t.min[0]) * (t.max[1] - t.min[1]))
-                        .sum();
-                    sum / views.max(1) as f32
+                    let mut sums = [0.0; 2];
+                    for tile in &i.tiles[q.first_tile as usize..][..views] {
+                        let tile = trimmed(&i.atlas, tile, least_coverage(q));
+                        for (axis, sum) in sums.iter_mut().enumerate() {
+                            *sum += tile.max[axis] - tile.min[axis];
+                        }
+                    }
+                    sums.map(|sum| sum / (views.max(1) as f32 * height))
                 });
                 ImpostorKind {
                     kind: info.kind,
                     bin,
                     first_quad_texel,
                     first_quad: info.first_quad,
-                    quad_count: info.quad_count as f32,
-                    area: area.sum::<f32>() / (height * height),
+                    sizes: sizes.collect(),
                     errors: info.errors.clone(),
                 }
             });
@@ -196,7 +205,17 @@ const STEPS: u32 = 13 * 8;
 impl ImpostorKind {
     /// Nanoseconds at a projected height.
     pub fn cost(&self, costs: &CostModel, height_px: f32) -> f32 {
-        costs.quad * self.quad_count + costs.quad_pixel * self.area * height_px * height_px
+        // Pixels along an axis that are shaded for so many that are covered, wherever blocks of them begin; less than one
+        // is covered now and then.
+        let shaded = |covered: f32| match covered {
+            c if c < 1.0 => c * costs.pixel_block,
+            c => c + costs.pixel_block - 1.0,
+        };
+        let quads = self.sizes.iter().map(|size| {
+            let [columns, rows] = size.map(|s| shaded(s * height_px));
+            costs.quad + costs.quad_pixel * columns * rows
+        });
+        costs.impostor + quads.sum::<f32>()
     }
 
     /// Pixel error at a projected height; `None` where it was not measured. Outside the measured heights it grows with the

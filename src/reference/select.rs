@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
     FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES, RangeInfo,
-    SKINNING_ERROR_SHARE, SubmeshInfo,
+    SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
@@ -64,6 +64,8 @@ pub fn select(
         let choice = choose_range(
             &ranges[(agent.character * MAX_RANGES) as usize..][..MAX_RANGES as usize],
             frame.pixel_angle * distance / agent.scale,
+            2.0 * clips_of(tables, agent)[0].box_half_extent[1],
+            agent.tint_seed,
         );
         if choice.bin == BIN_NONE || choice.before == BIN_NONE {
             selection.meshes += 1;
@@ -132,7 +134,7 @@ struct Choice {
     fade: u32,
 }
 
-fn choose_range(ranges: &[RangeInfo], units: f32) -> Choice {
+fn choose_range(ranges: &[RangeInfo], units: f32, height: f32, seed: u32) -> Choice {
     let last = ranges.len() - 1;
     let ends = &ranges[..last];
     let place = ends
@@ -142,7 +144,16 @@ fn choose_range(ranges: &[RangeInfo], units: f32) -> Choice {
     let bin = ranges[place].bin;
     let before = &ranges[place.saturating_sub(1)];
     let fade = (units / before.units_end - 1.0) / FADE_SPAN;
-    if place > 0 && fade < 1.0 {
+    let fades = place > 0 && fade < 1.0;
+    if fades && height < SWITCH_HEIGHT_PX * units {
+        let own = (seed.wrapping_mul(0x9e37_79b9) >> 8) as f32 * (1.0 / 16_777_216.0);
+        let bin = if fade < own { before.bin } else { bin };
+        Choice {
+            bin,
+            before: bin,
+            fade: 255,
+        }
+    } else if fades {
         Choice {
             bin,
             before: before.bin,

@@ -36,7 +36,7 @@ impl Camera {
     }
 
     /// Pixels, rows downwards.
-    fn project(&self, p: Vec3) -> Vec2 {
+    pub fn project(&self, p: Vec3) -> Vec2 {
         let p = p - self.center;
         let half = self.size as f32 * 0.5;
         Vec2::new(

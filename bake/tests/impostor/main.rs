@@ -6,6 +6,7 @@ mod capture;
 mod common;
 mod compose;
 mod file;
+mod gaps;
 mod groups;
 mod silhouettes;
 mod views;

@@ -3,12 +3,14 @@
 use glam::Vec3;
 use throng_bake::baked::{Baked, PaletteEntry};
 use throng_bake::impostor::build::{Built, ImpostorOptions};
+use throng_bake::impostor::groups::Groups;
 use throng_bake::impostor::pose::palette_at;
 use throng_bake::impostor::{Impostors, Kind};
 
 use crate::build::{baked, built};
 use crate::capture::skinned;
 use crate::compose::{Camera, Difference, compare, directions, impostor, mesh};
+use crate::gaps::{Gap, GapKind, borders, gaps};
 
 const HEIGHT_PX: f32 = 32.0;
 const SIZE_PX: u32 = 96;
@@ -62,27 +64,41 @@ fn figures(all: &[Difference]) -> Figures {
     }
 }
 
+/// A pose, a direction, and what differs there.
+type Measured = (usize, Vec3, Difference);
+
+/// Differences, and gaps where joints of the flat impostors bend.
 fn measure_flat(
     baked: &Baked,
+    groups: &Groups,
     i: &Impostors,
     poses: &[Vec<PaletteEntry>],
-) -> Vec<(usize, Vec3, Difference)> {
-    let mut out = Vec::new();
+    views: usize,
+) -> (Vec<Measured>, Vec<(usize, Vec3, Gap)>) {
+    let (mut out, mut found) = (Vec::new(), Vec::new());
     for (p, palette) in poses.iter().enumerate() {
-        for direction in directions(views(), -0.3) {
+        for direction in directions(views, -0.3) {
             let camera = camera(baked, palette, direction);
             let shown = impostor(i, Kind::Flat, palette, 0, &camera);
-            out.push((
-                p,
-                direction,
-                compare(&mesh(baked, palette, &camera), &shown, SIZE_PX),
-            ));
+            let mesh = mesh(baked, palette, &camera);
+            out.push((p, direction, compare(&mesh, &shown, SIZE_PX)));
+            let joints = borders(baked, groups, palette, &camera);
+            let gaps = gaps(&mesh, &shown, SIZE_PX, &joints);
+            found.extend(gaps.into_iter().map(|g| (p, direction, g)));
         }
     }
-    out
+    (out, found)
 }
 
-fn measure_quad(baked: &Baked, i: &Impostors) -> Vec<(usize, Vec3, Difference)> {
+/// How many gaps there are of each kind, and their pixels.
+fn count(gaps: &[(usize, Vec3, Gap)]) -> [(usize, u32); 3] {
+    [GapKind::Hole, GapKind::Cut, GapKind::Notch].map(|kind| {
+        let of_kind = || gaps.iter().filter(|g| g.2.kind == kind);
+        (of_kind().count(), of_kind().map(|g| g.2.pixels).sum())
+    })
+}
+
+fn measure_quad(baked: &Baked, i: &Impostors) -> Vec<Measured> {
     let mut out = Vec::new();
     for n in 0..20 {
         let clip = n % baked.clips.len();
@@ -237,18 +253,22 @@ fn print_figures() {
                 memory_limit_bytes: options().memory_limit_bytes / 6,
                 ..options()
             };
-            let built = built(&with_clips(&baked, known), &options);
+            let fewer = with_clips(&baked, known);
+            let (groups, built) = (Groups::by_rule(&fewer), built(&fewer, &options));
             let first_unseen = if known < clips { known } else { 0 };
             let poses = poses(&baked, first_unseen, 20);
-            let all = measure_flat(&baked, &built.impostors, &poses);
+            let (all, mut gaps) = measure_flat(&baked, &groups, &built.impostors, &poses, views());
             let worst = say(name, "flat", &built, &all);
-            let mut holes = all.clone();
-            holes.sort_by_key(|d| std::cmp::Reverse(d.2.holes));
-            let middle = &worst[all.len() / 2];
-            let pick = [
-                &worst[0], &worst[1], &worst[5], &holes[0], &holes[3], middle,
-            ];
-            let pick = pick.map(|w| (w.0, w.1));
+            let [holes, cuts, notches] = count(&gaps);
+            println!("     holes and their pixels {holes:?}, cuts {cuts:?}, notches {notches:?}");
+            // The worst, then gaps: holes and cuts first, the largest first.
+            gaps.sort_by_key(|g| (g.2.kind == GapKind::Notch, std::cmp::Reverse(g.2.pixels)));
+            for (pose, direction, gap) in gaps.iter().take(6) {
+                println!("     pose {pose} from {direction:.2}: {gap:?}");
+            }
+            let worst = [0, 1, all.len() / 50].map(|n| (worst[n].0, worst[n].1));
+            let gaps = gaps.iter().take(5).map(|g| (g.0, g.1));
+            let pick: Vec<_> = worst.into_iter().chain(gaps).collect();
             show(&baked, &built.impostors, name, &poses, &pick);
         }
         if kinds.contains('q') {
@@ -265,12 +285,7 @@ fn print_figures() {
 }
 
 /// Prints, and sorts by overlap.
-fn say(
-    name: &str,
-    kind: &str,
-    built: &Built,
-    all: &[(usize, Vec3, Difference)],
-) -> Vec<(usize, Vec3, Difference)> {
+fn say(name: &str, kind: &str, built: &Built, all: &[Measured]) -> Vec<Measured> {
     let f = figures(&all.iter().map(|d| d.2).collect::<Vec<_>>());
     println!(
         "{name} {kind}: mean IoU {:.3}, worst {:.3}, holes {}, stray {}, bias {:.3}; {} tiles, {} bytes {:?}",

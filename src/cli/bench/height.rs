@@ -80,6 +80,7 @@ struct Results {
 struct Fitted {
     mesh: f64,
     triangle: f64,
+    impostor: f64,
     quad: f64,
     quad_pixel: f64,
 }
@@ -106,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     let character = headless.add_character(&baked)?;
     let errors = Representations::new(&baked, 0, 0);
-    let bar = progress.bar("Measuring", (HEIGHTS_PX.len() * METHODS.len()) as u64);
+    let bar = progress.bar("Measuring", HEIGHTS_PX.len() as u64);
     let mut steps = Vec::new();
     for height_px in HEIGHTS_PX {
         let sheet = Sheet::new(&baked, character, &filled(height_px, arguments.size.0));
@@ -125,14 +126,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             representations: Vec::new(),
             lod_triangles_per_agent: 0.0,
         };
-        for (name, method) in METHODS {
-            let kind = errors.kinds.iter().find(|k| kind_name(k.kind) == name);
-            let is_impostor = matches!(method, Method::Flat | Method::Quad);
-            if is_impostor && kind.is_none() {
-                continue;
-            }
-            let (ms, report) = timing.run(method)?;
-            bar.inc(1);
+        let methods: Vec<_> = (METHODS.iter())
+            .map(|&(name, method)| {
+                (
+                    name,
+                    method,
+                    errors.kinds.iter().find(|k| kind_name(k.kind) == name),
+                )
+            })
+            .filter(|(_, method, kind)| {
+                !matches!(method, Method::Flat | Method::Quad) || kind.is_some()
+            })
+            .collect();
+        let forced: Vec<Method> = methods.iter().map(|m| m.1).collect();
+        let timed = timing.run(&forced)?;
+        bar.inc(1);
+        for (&(name, method, kind), (ms, report)) in methods.iter().zip(timed) {
             match method {
                 Method::Lod => {
                     let visible = report.visible.max(1) as f64;
@@ -195,31 +204,35 @@ struct Timing<'a> {
 }
 
 impl Timing<'_> {
-    /// Median milliseconds that the agents add to a frame. Frames with and without them take turns, so that a machine
-    /// that grows slower does so for both.
-    fn run(&mut self, method: Method) -> Result<(f64, throng::FrameReport)> {
-        let options = FrameOptions {
-            method,
-            pixel_error: self.pixel_error,
-            ground: false,
-            shadows: false,
-            sky: false,
-            occlusion: false,
-            ..FrameOptions::default()
-        };
+    /// Median milliseconds that the agents add to a frame, by method, and the last frame's report. Methods, and frames with
+    /// and without agents, take turns, so that a machine that grows slower does so for all.
+    fn run(&mut self, methods: &[Method]) -> Result<Vec<(f64, throng::FrameReport)>> {
         let view = self.sheet.view(1);
-        let (mut with, mut without) = (Vec::new(), Vec::new());
-        let mut last = throng::FrameReport::default();
+        let mut timed = vec![(Vec::new(), throng::FrameReport::default()); methods.len()];
         for run in 0..WARM_UP_FRAMES + self.runs {
-            let empty = self.headless.render(&[], &view, &options)?;
-            last = self.headless.render(&self.sheet.agents, &view, &options)?;
-            if run >= WARM_UP_FRAMES {
-                without.extend(empty.frame_ms);
-                with.extend(last.frame_ms);
+            for (&method, (added, last)) in methods.iter().zip(&mut timed) {
+                let options = FrameOptions {
+                    method,
+                    pixel_error: self.pixel_error,
+                    ground: false,
+                    shadows: false,
+                    sky: false,
+                    occlusion: false,
+                    ..FrameOptions::default()
+                };
+                let empty = self.headless.render(&[], &view, &options)?;
+                *last = self.headless.render(&self.sheet.agents, &view, &options)?;
+                if run >= WARM_UP_FRAMES
+                    && let (Some(with), Some(without)) = (last.frame_ms, empty.frame_ms)
+                {
+                    added.push(with - without);
+                }
             }
         }
-        let ms = median_p95(&with).0 - median_p95(&without).0;
-        Ok((ms.max(0.0), last))
+        let medians = timed
+            .into_iter()
+            .map(|(added, last)| (median_p95(&added).0.max(0.0), last));
+        Ok(medians.collect())
     }
 }
 
@@ -250,66 +263,64 @@ impl Fitted {
 
     fn new(steps: &[Step], representations: &Representations) -> Self {
         const NS_PER_MS: f64 = 1e6;
-        let zero = CostModel {
-            mesh: 0.0,
-            triangle: 0.0,
-            quad: 0.0,
-            quad_pixel: 0.0,
+        let unit = |impostor, quad, quad_pixel| CostModel {
+            impostor,
+            quad,
+            quad_pixel,
+            ..CostModel::CPU
         };
-        let quads = CostModel { quad: 1.0, ..zero };
-        let pixels = CostModel {
-            quad_pixel: 1.0,
-            ..zero
-        };
+        let units = [
+            unit(1.0, 0.0, 0.0),
+            unit(0.0, 1.0, 0.0),
+            unit(0.0, 0.0, 1.0),
+        ];
         let (mut meshes, mut impostors) = (Vec::new(), Vec::new());
         for step in steps.iter().filter(|s| s.height_px <= Self::HEIGHT_MAX_PX) {
             let ns = |method| step.ms(method).map(|ms| ms * NS_PER_MS / 1000.0);
             if let Some(ns) = ns("lod") {
-                meshes.push([1.0, step.lod_triangles_per_agent, ns]);
+                meshes.push(([1.0, step.lod_triangles_per_agent], ns));
             }
             for kind in &representations.kinds {
                 if let Some(ns) = ns(kind_name(kind.kind)) {
-                    let [quads, pixels] =
-                        [&quads, &pixels].map(|c| kind.cost(c, step.height_px) as f64);
-                    impostors.push([quads, pixels, ns]);
+                    let each = units.map(|unit| kind.cost(&unit, step.height_px) as f64);
+                    impostors.push((each, ns));
                 }
             }
         }
         let [mesh, triangle] = fit(&meshes);
-        let [quad, quad_pixel] = fit(&impostors);
+        let [impostor, quad, quad_pixel] = fit(&impostors);
         Self {
             mesh,
             triangle,
+            impostor,
             quad,
             quad_pixel,
         }
     }
 }
 
-/// The factors, none below 0, for which `a * factors[0] + b * factors[1]` is nearest to `y` for all `[a, b, y]`, by least
-/// squares of relative differences; zeros where nothing was measured.
-fn fit(points: &[[f64; 3]]) -> [f64; 2] {
-    let weighted = points.iter().filter(|p| p[2] > 0.0);
-    let (mut aa, mut ab, mut bb, mut a1, mut b1) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for [a, b, y] in weighted {
-        let (a, b) = (a / y, b / y);
-        aa += a * a;
-        ab += a * b;
-        bb += b * b;
-        a1 += a;
-        b1 += b;
+/// The factors, none below 0, for which their products with `x` sum to nearly `y` for all `(x, y)`, by least squares of relative
+/// differences; zeros where nothing was measured. Coordinate descent: few factors, few points.
+fn fit<const N: usize>(points: &[([f64; N], f64)]) -> [f64; N] {
+    const ROUNDS: usize = 20_000;
+    let weighted = points.iter().filter(|p| p.1 > 0.0);
+    let rows: Vec<[f64; N]> = weighted.map(|(x, y)| x.map(|x| x / y)).collect();
+    let mut factors = [0.0; N];
+    for round in 0..ROUNDS * N {
+        let i = round % N;
+        let (mut along, mut square) = (0.0, 0.0);
+        for row in &rows {
+            let others = (0..N).filter(|&k| k != i).map(|k| row[k] * factors[k]);
+            along += row[i] * (1.0 - others.sum::<f64>());
+            square += row[i] * row[i];
+        }
+        factors[i] = if square > 0.0 {
+            (along / square).max(0.0)
+        } else {
+            0.0
+        };
     }
-    let determinant = aa * bb - ab * ab;
-    let both = [
-        (a1 * bb - b1 * ab) / determinant,
-        (b1 * aa - a1 * ab) / determinant,
-    ];
-    let alone = |sum: f64, square: f64| if square > 0.0 { sum / square } else { 0.0 };
-    match both {
-        [a, b] if a >= 0.0 && b >= 0.0 => both,
-        [a, _] if a < 0.0 => [0.0, alone(b1, bb)],
-        _ => [alone(a1, aa), 0.0],
-    }
+    factors
 }
 
 fn kind_name(kind: Kind) -> &'static str {
@@ -386,10 +397,11 @@ impl std::fmt::Display for Results {
         let m = &self.cost_model_ns;
         writeln!(
             f,
-            "{table}\nFitted up to {} px, ns: mesh {:.0}, triangle {:.1}, quad {:.0}, quad's pixel {:.2}",
+            "{table}\nFitted up to {} px, ns: mesh {:.0}, triangle {:.1}, impostor {:.0}, its quad {:.0}, quad's pixel {:.2}",
             Fitted::HEIGHT_MAX_PX,
             m.mesh,
             m.triangle,
+            m.impostor,
             m.quad,
             m.quad_pixel
         )
@@ -402,13 +414,17 @@ mod tests {
 
     #[test]
     fn factors_are_found_and_never_below_0() {
-        let exact = [[1.0, 30.0, 160.0], [1.0, 100.0, 510.0], [1.0, 7.0, 45.0]];
+        let exact = [
+            ([1.0, 30.0], 160.0),
+            ([1.0, 100.0], 510.0),
+            ([1.0, 7.0], 45.0),
+        ];
         let [a, b] = fit(&exact);
         assert!((a - 10.0).abs() < 1e-6 && (b - 5.0).abs() < 1e-6);
-        let falling = [[1.0, 1.0, 4.0], [1.0, 2.0, 2.0]];
+        let falling = [([1.0, 1.0], 4.0), ([1.0, 2.0], 2.0)];
         let [a, b] = fit(&falling);
         assert!(a > 0.0 && b == 0.0, "{a} {b}");
-        assert_eq!(fit(&[]), [0.0, 0.0]);
+        assert_eq!(fit::<2>(&[]), [0.0, 0.0]);
     }
 
     #[test]
