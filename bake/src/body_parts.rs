@@ -6,6 +6,7 @@ use std::path::Path;
 use crate::baked::{Baked, BodyPart, Tint};
 use crate::character::Character;
 use crate::error::ImportError;
+use crate::words::words;
 
 /// Beginnings of words in the names of materials.
 const SKIN: &[&str] = &["skin", "flesh"];
@@ -74,23 +75,6 @@ fn rule(name: &str, textured: bool, is_person: bool) -> Tint {
     }
 }
 
-/// The words of a name, in small letters; `LightBlue` is two.
-fn words(name: &str) -> Vec<String> {
-    let mut words = vec![String::new()];
-    for c in name.chars() {
-        if c.is_uppercase() || !c.is_alphabetic() {
-            words.push(String::new());
-        }
-        if let (true, Some(word)) = (c.is_alphabetic(), words.last_mut()) {
-            word.extend(c.to_lowercase());
-        }
-    }
-    // A name in capitals is one word.
-    words.push(name.to_lowercase());
-    words.retain(|w| !w.is_empty());
-    words
-}
-
 fn says(name: &str, list: &[&str]) -> bool {
     let words = words(name);
     list.iter()
@@ -147,6 +131,7 @@ mod tests {
         assert_eq!(plain("Eyebrows"), Tint::Hair);
         assert_eq!(plain("Eye"), Tint::Fixed);
         assert_eq!(plain("Worker_Vest"), Tint::Free);
+        assert_eq!(plain("TShirt"), Tint::Free);
         // Clothes by their colours.
         for name in ["LightBlue", "LimeGreen", "Purple", "WHITE", "Worker_Yellow"] {
             assert_eq!(plain(name), Tint::Free, "{name}");

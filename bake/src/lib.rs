@@ -28,3 +28,4 @@ pub mod sliding_tris;
 pub mod texture;
 pub mod tint;
 pub mod validate;
+mod words;

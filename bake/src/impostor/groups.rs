@@ -14,6 +14,7 @@ use glam::{Affine3A, Mat4, Vec3, Vec4};
 use crate::baked::{Baked, PaletteEntry};
 use crate::error::ImportError;
 use crate::quantize::{decode_position, decode_weights};
+use crate::words::words;
 
 /// Most groups that rules make of a character with hands; a sidecar file may ask for [`MAX_GROUPS`].
 pub const RULE_GROUPS: usize = 15;
@@ -473,27 +474,6 @@ fn is_limb(name: &str) -> bool {
         "thigh", "shin", "calf", "knee",
     ];
     words(name).iter().any(|w| WORDS.contains(&w.as_str()))
-}
-
-/// Lower-case words of a name: `LeftUpperArm.001`, `f_index.01.L` and `upperleg.l` come apart where people see them do.
-pub(super) fn words(name: &str) -> Vec<String> {
-    let mut words = vec![String::new()];
-    let mut lower = false;
-    for c in name.chars() {
-        if c.is_uppercase() && lower {
-            words.push(String::new());
-        }
-        lower = c.is_lowercase();
-        if c.is_alphabetic() {
-            if let Some(last) = words.last_mut() {
-                last.extend(c.to_lowercase());
-            }
-        } else {
-            words.push(String::new());
-        }
-    }
-    words.retain(|w| !w.is_empty());
-    words
 }
 
 /// The name of the joint on the other side, where the name says a side.

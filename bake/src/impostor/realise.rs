@@ -7,9 +7,10 @@
 
 use glam::{Affine3A, Quat, Vec3};
 
-use super::groups::{Groups, words};
+use super::groups::Groups;
 use super::pose::affines;
 use crate::baked::{Baked, PaletteEntry};
+use crate::words::words;
 
 /// Frames of all clips that limits are taken from.
 const LIMIT_FRAMES: usize = 200;
