@@ -27,9 +27,9 @@
 #define GALLERY_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.
 #define IMPOSTOR_MIP_BIAS -0.75
-// Mean of the tints of what stays nearly as it was made, and of the dyes for a colour of lightness 0.75.
+// Mean of the tints of what stays nearly as it was made, and of cloth for a colour of lightness 0.75.
 #define TINT_NATURAL_MEAN 0.9
-#define TINT_DYED_MEAN 0.487
+#define TINT_CLOTH_MEAN 0.487
 // Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 #define SKINNING_ERROR_SHARE 0.5
 // Bits of a LOD error below its step: 128 steps to a doubling.

@@ -1,7 +1,7 @@
 // Colour variety, which meshes and impostors share. Twin: bake/src/tint.rs
 // A tint multiplies a colour's mean over all tints, which is what impostors' pictures hold: so texels where body parts meet,
 // and what filtering makes of them, are right on average. `code` says what a body part's tints follow from: below 64 there are
-// none, from 64 on they vary lightness and warmth a little, from 128 on they dye clothes, 192 is skin and 224 hair.
+// none, from 64 on they vary lightness and warmth a little, from 128 on is cloth of any colour, from 192 skin and from 224 hair.
 
 #ifndef THRONG_TINT
 #define THRONG_TINT
@@ -12,9 +12,9 @@
 // A colour's mean over all tints.
 float3 MeanOfTints(float3 color, float code)
 {
-    float dyed = TINT_DYED_MEAN * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
+    float cloth = TINT_CLOTH_MEAN * (0.25 + dot(color, float3(0.3, 0.6, 0.1)));
     float3 mean = code > 63.5 ? color * TINT_NATURAL_MEAN : color;
-    mean = code > 127.5 ? float3(dyed, dyed, dyed) : mean;
+    mean = code > 127.5 ? float3(cloth, cloth, cloth) : mean;
     mean = code > 191.5 ? float3(0.169, 0.095, 0.058) + color * float3(0.41, 0.37, 0.39) : mean;
     return code > 223.5 ? float3(0.128, 0.08, 0.048) + color * float3(0.3, 0.27, 0.22) : mean;
 }
@@ -42,9 +42,9 @@ float3 TintOf(float3 random, float code)
     float3 r = frac(random * (code * 13.13 + 3.7));
     // Hue, saturation, value: what is light is pale.
     float3 missing = saturate(2.0 - abs(frac(r.x + float3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0));
-    bool is_dyed = code > 127.5;
-    float saturation = r.y * (is_dyed ? 0.95 - 0.55 * r.z : 0.1);
-    float value = is_dyed ? 0.2917 + 2.6254 * r.z * r.z : 0.711 + 0.63 * r.z;
+    bool is_cloth = code > 127.5;
+    float saturation = r.y * (is_cloth ? 0.95 - 0.55 * r.z : 0.1);
+    float value = is_cloth ? 0.2917 + 2.6254 * r.z * r.z : 0.711 + 0.63 * r.z;
     float3 tint = value - value * saturation * missing;
     // From dark to light through olive and tan.
     float m = random.z;

@@ -32,8 +32,8 @@ pub const GALLERY_ROW_TEXELS: u32 = 1024;
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
 /// Mean of the tints of what stays nearly as it was made.
 pub const TINT_NATURAL_MEAN: f32 = throng_bake::tint::NATURAL_MEAN;
-/// Mean of the dyes, for a colour of lightness 0.75.
-pub const TINT_DYED_MEAN: f32 = throng_bake::tint::DYED_MEAN;
+/// Mean of the tints of cloth, for a colour of lightness 0.75.
+pub const TINT_CLOTH_MEAN: f32 = throng_bake::tint::CLOTH_MEAN;
 /// Share of the LOD error that fewer influences, or one frame instead of two, may each cost on top of it.
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
 /// Bits of a LOD error below its step: 128 steps to a doubling.

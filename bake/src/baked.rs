@@ -183,7 +183,9 @@ pub enum Tint {
     /// A little lighter or darker, warmer or cooler: fur, and whatever should look as it was made, or nearly so.
     Natural = 1,
     /// Any hue, saturation and value: clothes.
-    Free = 2,
+    // Its name in files from before.
+    #[serde(alias = "Free")]
+    Cloth = 2,
     /// A person's, from dark to light.
     Skin = 3,
     /// A person's: black, brown, blond, red or grey.

@@ -23,7 +23,7 @@ const CLOTHES: &[&str] = &[
     "helmet", "sweater", "jean", "bag", "top", "bottom", "sleeve",
 ];
 /// Colours that a person has only in clothes.
-const DYES: &[&str] = &[
+const CLOTH_COLORS: &[&str] = &[
     "red",
     "orange",
     "yellow",
@@ -55,7 +55,7 @@ fn rule(name: &str, textured: bool, is_person: bool) -> Tint {
     let says = |list| says(name, list);
     if textured {
         // A texture may hold skin and clothes at once, so it stays as it is unless the name says what it is; and it keeps its
-        // colours, which a dye would replace.
+        // colours, which a cloth's tint would replace.
         let one = [SKIN, HAIR, NATURAL, CLOTHES].into_iter().any(says) && !says(FIXED);
         return if one { Tint::Natural } else { Tint::Fixed };
     }
@@ -67,8 +67,8 @@ fn rule(name: &str, textured: bool, is_person: bool) -> Tint {
         Tint::Fixed
     } else if says(SKIN) || says(HAIR) || says(NATURAL) {
         Tint::Natural
-    } else if says(CLOTHES) || (is_person && is_dyed(name)) {
-        Tint::Free
+    } else if says(CLOTHES) || (is_person && is_cloth_color(name)) {
+        Tint::Cloth
     } else {
         // A plain colour of unknown meaning: people expect it to look as it was made.
         Tint::Natural
@@ -81,8 +81,10 @@ fn says(name: &str, list: &[&str]) -> bool {
         .any(|w| words.iter().any(|word| word.starts_with(w)))
 }
 
-fn is_dyed(name: &str) -> bool {
-    words(name).iter().any(|w| DYES.contains(&w.as_str()))
+fn is_cloth_color(name: &str) -> bool {
+    words(name)
+        .iter()
+        .any(|w| CLOTH_COLORS.contains(&w.as_str()))
 }
 
 /// Changes rules as a sidecar file states them: a TOML table from names of materials to `fixed`, `natural`, `cloth`, `skin` or
@@ -98,7 +100,7 @@ pub fn apply_sidecar(path: &Path, text: &str, baked: &mut Baked) -> Result<(), I
         let tint = match rule.as_str() {
             "fixed" => Tint::Fixed,
             "natural" => Tint::Natural,
-            "cloth" => Tint::Free,
+            "cloth" => Tint::Cloth,
             "skin" => Tint::Skin,
             "hair" => Tint::Hair,
             other => {
@@ -130,11 +132,11 @@ mod tests {
         assert_eq!(plain("Hair_Blond"), Tint::Hair);
         assert_eq!(plain("Eyebrows"), Tint::Hair);
         assert_eq!(plain("Eye"), Tint::Fixed);
-        assert_eq!(plain("Worker_Vest"), Tint::Free);
-        assert_eq!(plain("TShirt"), Tint::Free);
+        assert_eq!(plain("Worker_Vest"), Tint::Cloth);
+        assert_eq!(plain("TShirt"), Tint::Cloth);
         // Clothes by their colours.
         for name in ["LightBlue", "LimeGreen", "Purple", "WHITE", "Worker_Yellow"] {
-            assert_eq!(plain(name), Tint::Free, "{name}");
+            assert_eq!(plain(name), Tint::Cloth, "{name}");
         }
         // Shoes, belts or hair.
         for name in ["Brown2", "Black", "Mirrored_Material"] {
@@ -164,7 +166,7 @@ mod tests {
         let path = Path::new("ship.tints.toml");
         apply_sidecar(path, "Deck = \"cloth\"", &mut baked).expect("it is right");
         assert_eq!(baked.body_parts[0].tint, Tint::Natural);
-        assert_eq!(baked.body_parts[1].tint, Tint::Free);
+        assert_eq!(baked.body_parts[1].tint, Tint::Cloth);
         for (text, words) in [
             ("Deck = [", "line 1"),
             ("Deck = \"wood\"", "'wood' is not"),
@@ -190,8 +192,8 @@ mod tests {
             tint,
         };
         assert_eq!(part(Tint::Skin).code(3), part(Tint::Skin).code(7));
-        assert_ne!(part(Tint::Free).code(3), part(Tint::Free).code(7));
-        assert_eq!(part(Tint::Free).code(200), 128 + 63);
+        assert_ne!(part(Tint::Cloth).code(3), part(Tint::Cloth).code(7));
+        assert_eq!(part(Tint::Cloth).code(200), 128 + 63);
         assert_eq!(part(Tint::Fixed).code(200), 63);
     }
 }

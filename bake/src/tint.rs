@@ -1,7 +1,7 @@
 //! Colour variety: what an agent's tint makes of a body part's colour, and the mean of that over all tints.
 //!
 //! Pictures show the mean, and an agent's tint multiplies it. A texel where body parts meet, and every mip of it, then mixes
-//! what its parts look like on average, and not one part's plain colour under another part's dye.
+//! what its parts look like on average, and not one part's plain colour under another part's tint.
 //!
 //! Twin of hlsl/tint.hlsli. A part's `code` is that of [`crate::baked::BodyPart::code`].
 
@@ -9,8 +9,8 @@ use glam::Vec3;
 
 /// Mean of the tints of what stays as it was made, or nearly so.
 pub const NATURAL_MEAN: f32 = 0.9;
-/// Mean of the dyes, for a colour of lightness 0.75.
-pub const DYED_MEAN: f32 = 0.487;
+/// Mean of the tints of cloth, for a colour of lightness 0.75.
+pub const CLOTH_MEAN: f32 = 0.487;
 /// Skin of the mean tint: a plain part, and a share of the character's own colour.
 const SKIN: [Vec3; 2] = [Vec3::new(0.169, 0.095, 0.058), Vec3::new(0.41, 0.37, 0.39)];
 /// Hair likewise.
@@ -18,7 +18,7 @@ const HAIR: [Vec3; 2] = [Vec3::new(0.128, 0.08, 0.048), Vec3::new(0.3, 0.27, 0.2
 
 /// The first code of each rule.
 const NATURAL_CODE: u8 = 64;
-const DYED_CODE: u8 = 128;
+const CLOTH_CODE: u8 = 128;
 const SKIN_CODE: u8 = 192;
 const HAIR_CODE: u8 = 224;
 
@@ -26,9 +26,9 @@ const HAIR_CODE: u8 = 224;
 pub fn mean_of_tints(color: Vec3, code: u8) -> Vec3 {
     match code {
         ..NATURAL_CODE => color,
-        NATURAL_CODE..DYED_CODE => color * NATURAL_MEAN,
-        DYED_CODE..SKIN_CODE => {
-            Vec3::splat(DYED_MEAN * (0.25 + color.dot(Vec3::new(0.3, 0.6, 0.1))))
+        NATURAL_CODE..CLOTH_CODE => color * NATURAL_MEAN,
+        CLOTH_CODE..SKIN_CODE => {
+            Vec3::splat(CLOTH_MEAN * (0.25 + color.dot(Vec3::new(0.3, 0.6, 0.1))))
         }
         SKIN_CODE..HAIR_CODE => SKIN[0] + SKIN[1] * color,
         _ => HAIR[0] + HAIR[1] * color,
@@ -55,7 +55,7 @@ pub fn tint_of(random: Vec3, code: u8) -> Vec3 {
             let ramp = (r.x + Vec3::new(0.0, 2.0 / 3.0, 1.0 / 3.0)).fract() * 6.0 - 3.0;
             let missing = (2.0 - ramp.abs()).clamp(Vec3::ZERO, Vec3::ONE);
             let (saturation, value) = match code {
-                ..DYED_CODE => (0.1, 0.711 + 0.63 * r.z),
+                ..CLOTH_CODE => (0.1, 0.711 + 0.63 * r.z),
                 _ => (0.95 - 0.55 * r.z, 0.2917 + 2.6254 * r.z * r.z),
             };
             value * (1.0 - r.y * saturation * missing)
@@ -80,8 +80,8 @@ pub fn tint_of(random: Vec3, code: u8) -> Vec3 {
 pub(crate) fn spread(code: u8) -> f32 {
     match code {
         ..NATURAL_CODE => 0.0,
-        NATURAL_CODE..DYED_CODE => 0.03,
-        DYED_CODE..SKIN_CODE => 0.5,
+        NATURAL_CODE..CLOTH_CODE => 0.03,
+        CLOTH_CODE..SKIN_CODE => 0.5,
         SKIN_CODE..HAIR_CODE => 0.33,
         _ => 0.9,
     }
@@ -98,10 +98,10 @@ mod tests {
     }
 
     #[test]
-    fn dyes_keep_the_lightness_of_a_colour_only() {
+    fn cloth_keeps_the_lightness_of_a_colour_only() {
         let (red, green) = (Vec3::new(0.6, 0.0, 0.0), Vec3::new(0.0, 0.3, 0.0));
-        let dyed = 2 << 6 | 5;
-        assert!(mean_of_tints(red, dyed).abs_diff_eq(mean_of_tints(green, dyed), 1e-6));
+        let cloth = 2 << 6 | 5;
+        assert!(mean_of_tints(red, cloth).abs_diff_eq(mean_of_tints(green, cloth), 1e-6));
         assert_eq!(mean_of_tints(red, 5), red);
         assert_eq!(mean_of_tints(red, 1 << 6), red * NATURAL_MEAN);
         for code in CODES {

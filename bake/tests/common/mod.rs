@@ -154,7 +154,7 @@ pub fn baked_sheets(side: usize, form: BandForm) -> Baked {
     });
     let part = |name: &str| BodyPart {
         name: name.into(),
-        tint: Tint::Free,
+        tint: Tint::Cloth,
     };
     Baked {
         name: "sheets".into(),
