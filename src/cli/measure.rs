@@ -75,6 +75,20 @@ pub struct FrameTime {
 }
 
 impl FrameTime {
+    /// The columns of a table that [`FrameTime::cells`] fills.
+    pub const HEADS: [&str; 5] = ["runs", "ms median", "p95", "min", "spread"];
+
+    /// A row's part under [`FrameTime::HEADS`].
+    pub fn cells(&self) -> [String; 5] {
+        [
+            self.runs.to_string(),
+            format!("{:.1}", self.median),
+            format!("{:.1}", self.p95),
+            format!("{:.1}", self.min),
+            format!("{:.0} %", 100.0 * self.spread),
+        ]
+    }
+
     /// Of every frame's time; zeros where there is none.
     pub fn new(each: &[f64]) -> Self {
         let (median, p95) = median_p95(each);
@@ -250,9 +264,20 @@ impl Studio {
         supersample: u32,
     ) -> Result<Self> {
         let size_px = size_px.map(|x| x.saturating_mul(supersample));
+        Self::open(shot, device, size_px, 1)
+    }
+
+    /// The same for [`Studio::stream`] with up to that many frames in flight.
+    pub fn open(
+        shot: &Shot,
+        device: Option<&str>,
+        size_px: [u32; 2],
+        frames_in_flight: u32,
+    ) -> Result<Self> {
         let mut headless = Headless::new(&HeadlessDesc {
             device: device.map(str::to_string),
             size_px,
+            frames_in_flight,
             ..HeadlessDesc::default()
         })?;
         for (i, character) in shot.characters.iter().enumerate() {
@@ -302,6 +327,16 @@ impl Studio {
         timed(|| Ok(self.headless.render(agents, view, options)?))
     }
 
+    /// As [`Headless::stream`].
+    pub fn stream(
+        &mut self,
+        frames: &[(Vec<Agent>, View)],
+        options: &FrameOptions,
+        in_flight: usize,
+    ) -> Result<Vec<f64>> {
+        Ok(self.headless.stream(frames, options, in_flight)?)
+    }
+
     /// Draws one frame and keeps its triangles and quads, transformed. `characters` are the shot's.
     pub fn freeze(
         &mut self,
@@ -321,6 +356,16 @@ impl Studio {
     /// Frees what was kept.
     pub fn release(&mut self, frozen: Frozen) {
         self.headless.release(frozen);
+    }
+
+    /// The device's name.
+    pub fn device_name(&self) -> &str {
+        self.headless.device_name()
+    }
+
+    /// The driver's name and version.
+    pub fn driver(&self) -> &str {
+        self.headless.driver()
     }
 
     /// The last picture, as drawn.

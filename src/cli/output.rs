@@ -80,12 +80,14 @@ pub struct Table {
 impl Table {
     /// A table with a first row.
     pub fn new<const N: usize>(heads: [&str; N]) -> Self {
-        Self::with_heads(heads.map(str::to_string).to_vec())
+        Self::with_heads(heads)
     }
 
     /// A table whose number of columns is known only now.
-    pub fn with_heads(heads: Vec<String>) -> Self {
-        Self { rows: vec![heads] }
+    pub fn with_heads(heads: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        Self {
+            rows: vec![heads.into_iter().map(Into::into).collect()],
+        }
     }
 
     /// Adds a row.

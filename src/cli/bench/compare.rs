@@ -2,15 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use serde::Serialize;
 
 use super::plot::{Bar, Curve, bars, curves};
 use super::turns::{self, Contender, Entry};
-use super::{Arguments, Name, flip};
+use super::{Arguments, Name, Setup, flip};
 use crate::cli::measure::{FrameTime, MethodName, Studio};
 use crate::cli::output::{Progress, Table, grouped};
-use crate::cli::shot::Shot;
 
 const ALL_METHODS: [MethodName; 6] = [
     MethodName::Hybrid,
@@ -27,22 +26,14 @@ const SCALE: [usize; 9] = [
 #[derive(Serialize)]
 struct Results {
     experiment: Name,
-    setup: Setup,
+    setup: TurnsSetup,
     steps: Vec<Step>,
 }
 
-/// What the figures depend on.
 #[derive(Serialize)]
-struct Setup {
-    version: &'static str,
-    device: String,
-    driver: String,
-    /// CPU cores that the program may use.
-    cores: usize,
-    scene: String,
-    characters: Vec<String>,
-    size_px: [u32; 2],
-    pixel_error_px: f32,
+struct TurnsSetup {
+    #[serde(flatten)]
+    setup: Setup,
     runs: usize,
     /// The method whose triangles and quads `limit` and `floor` draw.
     limit_of: &'static str,
@@ -75,14 +66,11 @@ struct Row {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
     let is_scale = arguments.name == Name::Scale;
-    let methods = match (&arguments.methods[..], arguments.name) {
-        ([], Name::Methods) => &ALL_METHODS[..],
-        ([], _) => &ALL_METHODS[..1],
-        (given, _) => given,
+    let default = match arguments.name {
+        Name::Methods => &ALL_METHODS[..],
+        _ => &ALL_METHODS[..1],
     };
-    if let Some(twice) = (1..methods.len()).find(|&i| methods[..i].contains(&methods[i])) {
-        bail!("--method: {} is there twice", methods[twice].name());
-    }
+    let methods = arguments.methods(&[], default)?;
     let scene = if is_scale { "scale" } else { "street" };
     let mut shot = arguments.shot(scene, true, &progress)?;
     let counts = match &arguments.agents[..] {
@@ -116,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.finish_and_clear();
     if arguments.flip {
         let line = progress.spinner("Comparing pictures");
-        match flip::measure(&shot, &mut studio, device, arguments.pixel_error, methods) {
+        match flip::measure(&shot, &mut studio, device, arguments.pixel_error, &methods) {
             Ok(errors) => {
                 for (row, error) in steps.iter_mut().flat_map(|s| &mut s.entries).zip(errors) {
                     row.flip = Some(error);
@@ -128,42 +116,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let results = Results {
         experiment: arguments.name,
-        setup: Setup::new(
-            arguments,
-            &shot,
-            turns::limit_of(&contenders),
-            &steps,
-            arguments.scene_name(scene),
-        ),
+        setup: TurnsSetup {
+            setup: Setup::new(arguments, scene, &shot, &studio),
+            runs: arguments.runs(),
+            limit_of: turns::limit_of(&contenders).name(),
+        },
         steps,
     };
     arguments.hand_out(&results, |path| results.plot(path))
-}
-
-impl Setup {
-    fn new(
-        arguments: &Arguments,
-        shot: &Shot,
-        limit_of: MethodName,
-        steps: &[Step],
-        scene: &str,
-    ) -> Self {
-        let report = steps
-            .first()
-            .and_then(|s| Some(&s.entries.first()?.entry.report));
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            device: report.map_or_else(String::new, |r| r.device.clone()),
-            driver: report.map_or_else(String::new, |r| r.driver.clone()),
-            cores: std::thread::available_parallelism().map_or(0, usize::from),
-            scene: scene.into(),
-            characters: shot.characters.iter().map(|c| c.name.clone()).collect(),
-            size_px: arguments.size.0,
-            pixel_error_px: arguments.pixel_error,
-            runs: arguments.runs(),
-            limit_of: limit_of.name(),
-        }
-    }
 }
 
 impl Step {
@@ -208,7 +168,7 @@ impl Row {
 impl Results {
     /// For `scale` microseconds per agent over agents; else milliseconds by method.
     fn plot(&self, path: &Path) -> Result<()> {
-        let setup = &self.setup;
+        let setup = &self.setup.setup;
         let title = format!(
             "{} on {}, {} px of error",
             setup.scene, setup.device, setup.pixel_error_px
@@ -252,21 +212,12 @@ impl Results {
 
 impl std::fmt::Display for Results {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let s = &self.setup;
-        let [width, height] = s.size_px;
         writeln!(
             f,
-            "{}, {}, {} cores; scene {}, {width} x {height}, {} px of error; limit and floor draw the frame of {}\n",
-            s.device, s.driver, s.cores, s.scene, s.pixel_error_px, s.limit_of
+            "{}; limit and floor draw the frame of {}\n",
+            self.setup.setup, self.setup.limit_of
         )?;
-        let mut table = Table::new([
-            "agents",
-            "method",
-            "runs",
-            "ms median",
-            "p95",
-            "min",
-            "spread",
+        let ratios = [
             "CPU ms",
             "us/agent",
             "x limit",
@@ -274,7 +225,9 @@ impl std::fmt::Display for Results {
             "CPU x limit",
             "CPU x floor",
             "FLIP",
-        ]);
+        ];
+        let heads = [&["agents", "method"][..], &FrameTime::HEADS, &ratios];
+        let mut table = Table::with_heads(heads.concat());
         let optional =
             |x: Option<f64>, digits: usize| x.map_or("-".into(), |x| format!("{x:.digits$}"));
         let rows = || {
@@ -284,15 +237,7 @@ impl std::fmt::Display for Results {
         };
         for (agents, row) in rows() {
             let r = &row.entry.report;
-            let t = &r.frame_ms;
-            table.row([
-                grouped(agents),
-                r.method.into(),
-                t.runs.to_string(),
-                format!("{:.1}", t.median),
-                format!("{:.1}", t.p95),
-                format!("{:.1}", t.min),
-                format!("{:.0} %", 100.0 * t.spread),
+            let ratios = [
                 optional(r.cpu_ms.map(|t: FrameTime| t.median), 1),
                 format!("{:.2}", row.us_per_agent),
                 optional(row.to_limit, 2),
@@ -300,7 +245,9 @@ impl std::fmt::Display for Results {
                 optional(row.cpu_to_limit, 2),
                 optional(row.cpu_to_floor, 2),
                 optional(row.flip, 5),
-            ]);
+            ];
+            let what = [grouped(agents), r.method.into()];
+            table.push([&what[..], &r.frame_ms.cells(), &ratios].concat());
         }
         writeln!(f, "{table}")?;
         let mut table = Table::new([
@@ -343,7 +290,7 @@ impl std::fmt::Display for Results {
         let heads = ["agents", "ms of stage"]
             .into_iter()
             .chain(stages.iter().copied());
-        let mut table = Table::with_heads(heads.map(str::to_string).collect());
+        let mut table = Table::with_heads(heads);
         for (agents, row) in rows() {
             let r = &row.entry.report;
             let mut cells = vec![grouped(agents), r.method.to_string()];

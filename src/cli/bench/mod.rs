@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::cache;
 use super::impostors::Plan;
-use super::measure::MethodName;
+use super::measure::{MethodName, Studio};
 use super::output::{say, write_json};
 use super::render::Size;
 use super::shot::{Request, Shot, Switch};
@@ -139,6 +139,48 @@ enum Name {
     Stream,
 }
 
+/// What the figures of every experiment on a scene depend on.
+#[derive(Serialize)]
+struct Setup {
+    version: &'static str,
+    device: String,
+    driver: String,
+    /// CPU cores that the program may use.
+    cores: usize,
+    scene: String,
+    characters: Vec<String>,
+    size_px: [u32; 2],
+    pixel_error_px: f32,
+}
+
+impl Setup {
+    /// `default_scene` is what [`Arguments::shot`] was given.
+    fn new(arguments: &Arguments, default_scene: &str, shot: &Shot, studio: &Studio) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            device: studio.device_name().into(),
+            driver: studio.driver().into(),
+            cores: std::thread::available_parallelism().map_or(0, usize::from),
+            scene: arguments.scene_name(default_scene).into(),
+            characters: shot.characters.iter().map(|c| c.name.clone()).collect(),
+            size_px: arguments.size.0,
+            pixel_error_px: arguments.pixel_error,
+        }
+    }
+}
+
+/// The line that experiments begin with.
+impl Display for Setup {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [width, height] = self.size_px;
+        write!(
+            f,
+            "{}, {}, {} cores; scene {}, {width} x {height}, {} px of error",
+            self.device, self.driver, self.cores, self.scene, self.pixel_error_px
+        )
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.runs == Some(0) || arguments.agents.contains(&0) {
@@ -227,6 +269,22 @@ impl Arguments {
             ..Recipe::default()
         };
         Shot::new(&request, &recipe, progress)
+    }
+
+    /// What is compared: `always`, and then what was asked for, or else `default`. Errors where one is there twice.
+    fn methods(&self, always: &[MethodName], default: &[MethodName]) -> Result<Vec<MethodName>> {
+        let given = match &self.methods[..] {
+            [] => default,
+            given => given,
+        };
+        let methods = [always, given].concat();
+        match (1..methods.len()).find(|&i| methods[..i].contains(&methods[i])) {
+            Some(i) if always.contains(&methods[i]) => {
+                bail!("--method: {} is always there", methods[i].name())
+            }
+            Some(i) => bail!("--method: {} is there twice", methods[i].name()),
+            None => Ok(methods),
+        }
     }
 
     /// Gives the shot the number of agents that was asked for, if one was.

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use serde::Serialize;
 use throng::Representation;
 
 use super::flip::{Comparer, SUPERSAMPLE};
 use super::plot::{Curve, linear_curves};
-use super::{Arguments, Name};
+use super::{Arguments, Name, Setup};
 use crate::cli::measure::{Drawing, MethodName, Studio};
 use crate::cli::output::{Progress, Table, grouped};
 use crate::cli::picture::{average, write_png};
@@ -22,25 +22,19 @@ const METHODS: [MethodName; 2] = [MethodName::Lod, MethodName::Hybrid];
 #[derive(Serialize)]
 struct Results {
     experiment: Name,
-    setup: Setup,
+    setup: PathSetup,
     /// The basis first.
     methods: Vec<Compared>,
     /// Change of the reference from frame to frame: what the camera and the agents do.
     reference_change: Vec<f64>,
 }
 
-/// What the figures depend on.
 #[derive(Serialize)]
-struct Setup {
-    version: &'static str,
-    device: String,
-    driver: String,
-    scene: String,
+struct PathSetup {
+    #[serde(flatten)]
+    setup: Setup,
     camera: String,
-    characters: Vec<String>,
     agents: u64,
-    size_px: [u32; 2],
-    pixel_error_px: f32,
     /// Samples along each side of a pixel of the reference.
     supersample: u32,
     frames_per_second: f32,
@@ -174,17 +168,7 @@ impl Track {
 
 /// Runs the experiment.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let given = match &arguments.methods[..] {
-        [] => &METHODS[..],
-        given => given,
-    };
-    let methods = [&[BASIS], given].concat();
-    if let Some(twice) = (1..methods.len()).find(|&i| methods[..i].contains(&methods[i])) {
-        bail!(
-            "--method: {} is there twice (full always is)",
-            methods[twice].name()
-        );
-    }
+    let methods = arguments.methods(&[BASIS], &METHODS)?;
     let progress = Progress::default();
     let mut shot = arguments.shot(SCENE, true, &progress)?;
     arguments.set_agents(&mut shot);
@@ -210,7 +194,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let bar = progress.bar("Comparing", frames as u64);
     let mut tracks: Vec<Track> = methods.iter().map(|&m| Track::new(m)).collect();
     let mut reference = Track::new(BASIS);
-    let (mut name, mut driver) = (String::new(), String::new());
     for frame in 0..frames {
         bar.set_message("reference");
         large.draw(&shot, &drawing(BASIS, supersample, frame))?;
@@ -226,7 +209,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         for track in &mut tracks {
             bar.set_message(track.method.name());
             let report = studio.draw(&shot, &drawing(track.method, 1, frame))?;
-            (name, driver) = (report.device, report.driver);
             track.representations.push(report.representations);
             let drawn = studio.pixels()?;
             let path = comparer.path(&format!("{}_{frame:04}", track.method.name()));
@@ -251,16 +233,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let finish = |track: Track| track.finish([&flip, &change, &flicker]);
     let results = Results {
         experiment: arguments.name,
-        setup: Setup {
-            version: env!("CARGO_PKG_VERSION"),
-            device: name,
-            driver,
-            scene: arguments.scene_name(SCENE).into(),
+        setup: PathSetup {
+            setup: Setup::new(arguments, SCENE, &shot, &studio),
             camera,
-            characters: shot.characters.iter().map(|c| c.name.clone()).collect(),
             agents: shot.scene.agent_count() as u64,
-            size_px: arguments.size.0,
-            pixel_error_px: arguments.pixel_error,
             supersample,
             frames_per_second: fps,
             frames,
@@ -277,10 +253,10 @@ impl Results {
         let setup = &self.setup;
         let title = format!(
             "{}, camera {}, {} agents, {} px of error",
-            setup.scene,
+            setup.setup.scene,
             setup.camera,
             grouped(setup.agents),
-            setup.pixel_error_px
+            setup.setup.pixel_error_px
         );
         let curve = |method: &Compared, what: &str, series: &[f64], first: usize| Curve {
             name: format!("{}, {what}", method.method),
@@ -300,16 +276,12 @@ impl Results {
 impl std::fmt::Display for Results {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let s = &self.setup;
-        let [width, height] = s.size_px;
         writeln!(
             f,
-            "{}, {}; scene {}, camera {}, {} agents, {width} x {height}, {} px of error; reference: full with {} samples per pixel\n",
-            s.device,
-            s.driver,
-            s.scene,
+            "{}; camera {}, {} agents; reference: full with {} samples per pixel\n",
+            s.setup,
             s.camera,
             grouped(s.agents),
-            s.pixel_error_px,
             s.supersample * s.supersample
         )?;
         let mut heads = vec!["frame".to_string(), "change".to_string()];

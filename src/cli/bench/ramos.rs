@@ -3,11 +3,11 @@
 use anyhow::{Result, bail};
 use serde::Serialize;
 
-use super::Arguments;
 use super::turns::{self, Contender, Entry};
+use super::{Arguments, Name, Setup};
 use crate::cli::inspect::Contents;
-use crate::cli::measure::{MethodName, Report, Studio};
-use crate::cli::output::{Progress, Table, grouped, say, write_json};
+use crate::cli::measure::{FrameTime, MethodName, Report, Studio};
+use crate::cli::output::{Progress, Table, grouped};
 
 const SCENE: &str = "plaza";
 const AGENTS: [usize; 6] = [1_000, 2_000, 4_000, 6_000, 8_000, 10_000];
@@ -40,8 +40,8 @@ struct Ratios {
 
 #[derive(Serialize)]
 struct Results {
-    experiment: &'static str,
-    scene: String,
+    experiment: Name,
+    setup: Setup,
     steps: Vec<Step>,
     characters: Vec<Contents>,
 }
@@ -74,16 +74,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     bar.finish_and_clear();
     let results = Results {
-        experiment: "ramos",
-        scene: arguments.scene_name(SCENE).into(),
+        experiment: arguments.name,
+        setup: Setup::new(arguments, SCENE, &shot, &studio),
         steps,
         characters: shot.characters.iter().map(Contents::of).collect(),
     };
-    say(&results)?;
-    match &arguments.json {
-        Some(path) => write_json(path, &results),
-        None => Ok(()),
-    }
+    arguments.hand_out(&results, |_| Ok(()))
 }
 
 impl Step {
@@ -111,28 +107,16 @@ impl Step {
 
 impl std::fmt::Display for Results {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if let Some(step) = self.steps.first() {
-            let r = &step.lod.report;
-            let [width, height] = r.size_px;
-            writeln!(
-                f,
-                "{}, {}; scene {}, {width} x {height}, {} px of error\n",
-                r.device, r.driver, self.scene, r.pixel_error_px
-            )?;
-        }
-        let mut table = Table::new([
+        writeln!(f, "{}\n", self.setup)?;
+        let counts = [
             "agents",
             "method",
             "visible",
             "draw calls",
             "triangles",
             "vertex-shader runs",
-            "runs",
-            "ms median",
-            "p95",
-            "min",
-            "spread",
-        ]);
+        ];
+        let mut table = Table::with_heads([&counts[..], &FrameTime::HEADS].concat());
         for step in &self.steps {
             for entry in [
                 &step.lod,
@@ -141,19 +125,15 @@ impl std::fmt::Display for Results {
                 &step.uninstanced,
             ] {
                 let r = &entry.report;
-                table.row([
+                let counts = [
                     grouped(r.agents),
                     r.method.into(),
                     grouped(r.visible),
                     grouped(r.draw_calls),
                     grouped(r.triangles),
                     r.vertex_invocations.map_or("-".into(), grouped),
-                    r.frame_ms.runs.to_string(),
-                    format!("{:.1}", r.frame_ms.median),
-                    format!("{:.1}", r.frame_ms.p95),
-                    format!("{:.1}", r.frame_ms.min),
-                    format!("{:.0} %", 100.0 * r.frame_ms.spread),
-                ]);
+                ];
+                table.push([&counts[..], &r.frame_ms.cells()].concat());
             }
         }
         writeln!(f, "{table}")?;

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use anyhow::Result;
 use serde::Serialize;
-use throng::gpu::{Headless, HeadlessDesc};
 use throng::{Agent, FrameOptions, View};
 
 use super::plot::{Bar, bars};
-use super::{Arguments, Name};
-use crate::cli::measure::{FrameTime, MethodName};
+use super::{Arguments, Name, Setup};
+use crate::cli::measure::{FrameTime, MethodName, Studio};
 use crate::cli::output::{Progress, Table, grouped};
 
+const SCENE: &str = "street";
 /// What is compared.
 const IN_FLIGHT: [usize; 3] = [1, 2, 3];
 /// Frames of a round, in which each of them has a turn.
@@ -20,12 +20,8 @@ const ROUND: usize = 10;
 #[derive(Serialize)]
 struct Results {
     experiment: Name,
-    device: String,
-    driver: String,
-    scene: String,
+    setup: Setup,
     agents: usize,
-    size_px: [u32; 2],
-    pixel_error_px: f32,
     rows: Vec<Row>,
 }
 
@@ -41,22 +37,12 @@ struct Row {
 /// Runs the experiment.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
-    let mut shot = arguments.shot("street", true, &progress)?;
+    let methods = arguments.methods(&[], &[MethodName::Hybrid])?;
+    let mut shot = arguments.shot(SCENE, true, &progress)?;
     arguments.set_agents(&mut shot);
-    let methods = match &arguments.methods[..] {
-        [] => &[MethodName::Hybrid][..],
-        given => given,
-    };
     let size_px = arguments.size.0;
-    let mut headless = Headless::new(&HeadlessDesc {
-        device: arguments.device.clone(),
-        size_px,
-        frames_in_flight: IN_FLIGHT[IN_FLIGHT.len() - 1] as u32,
-        ..HeadlessDesc::default()
-    })?;
-    for character in &shot.characters {
-        headless.add_character(character)?;
-    }
+    let most = IN_FLIGHT[IN_FLIGHT.len() - 1];
+    let mut studio = Studio::open(&shot, arguments.device.as_deref(), size_px, most as u32)?;
     let moment = |frame: usize| -> (Vec<Agent>, View) {
         let time = frame as f32 / shot.scene.frames_per_second;
         (shot.agents(time), shot.view(time, size_px))
@@ -67,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (rounds * IN_FLIGHT.len() * methods.len()) as u64,
     );
     let mut rows = Vec::new();
-    for &method in methods {
+    for method in methods {
         let options = FrameOptions {
             method: method.to_method(),
             pixel_error: arguments.pixel_error,
@@ -77,10 +63,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         for round in 0..=rounds {
             // The first frames fill what is in flight.
             let first = round * ROUND;
-            let longest = ROUND + IN_FLIGHT[IN_FLIGHT.len() - 1];
+            let longest = ROUND + most;
             let frames: Vec<_> = (first..first + longest).map(moment).collect();
             for (&in_flight, each) in IN_FLIGHT.iter().zip(&mut each) {
-                let ms = headless.stream(&frames[..ROUND + in_flight], &options, in_flight)?;
+                let ms = studio.stream(&frames[..ROUND + in_flight], &options, in_flight)?;
                 // The first round warms up.
                 if round > 0 {
                     each.extend(&ms[in_flight..]);
@@ -103,12 +89,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.finish_and_clear();
     let results = Results {
         experiment: arguments.name,
-        device: headless.device_name().into(),
-        driver: headless.driver().into(),
-        scene: arguments.scene_name("street").into(),
+        setup: Setup::new(arguments, SCENE, &shot, &studio),
         agents: shot.scene.agent_count(),
-        size_px,
-        pixel_error_px: arguments.pixel_error,
         rows,
     };
     arguments.hand_out(&results, |path| results.plot(path))
@@ -122,42 +104,29 @@ impl Results {
             whisker: [row.frame_ms.min, row.frame_ms.p95],
         };
         let all: Vec<Bar> = self.rows.iter().map(bar).collect();
-        bars(path, &self.scene, "milliseconds from frame to frame", &all)
+        bars(
+            path,
+            &self.setup.scene,
+            "milliseconds from frame to frame",
+            &all,
+        )
     }
 }
 
 impl std::fmt::Display for Results {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [width, height] = self.size_px;
-        writeln!(
-            f,
-            "{}, {}; scene {}, {width} x {height}, {} px of error\n",
-            self.device, self.driver, self.scene, self.pixel_error_px
-        )?;
-        let mut table = Table::new([
-            "agents",
-            "method",
-            "frames in flight",
-            "runs",
-            "ms median",
-            "p95",
-            "min",
-            "spread",
-            "frames a second",
-        ]);
+        writeln!(f, "{}\n", self.setup)?;
+        let what = ["agents", "method", "frames in flight"];
+        let heads = [&what[..], &FrameTime::HEADS, &["frames a second"]];
+        let mut table = Table::with_heads(heads.concat());
         for row in &self.rows {
-            let t = &row.frame_ms;
-            table.row([
+            let what = [
                 grouped(self.agents as u64),
                 row.method.into(),
                 row.in_flight.to_string(),
-                t.runs.to_string(),
-                format!("{:.1}", t.median),
-                format!("{:.1}", t.p95),
-                format!("{:.1}", t.min),
-                format!("{:.0} %", t.spread * 100.0),
-                format!("{:.1}", 1e3 / t.median.max(1e-9)),
-            ]);
+            ];
+            let rate = format!("{:.1}", 1e3 / row.frame_ms.median.max(1e-9));
+            table.push([&what[..], &row.frame_ms.cells(), &[rate]].concat());
         }
         write!(f, "{table}")
     }
