@@ -111,8 +111,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (input, output) in arguments.input.iter().zip(&outputs) {
         let start = Instant::now();
         let character = source::character(input, &progress)?;
+        let tints = source::tints(input)?;
         let (mut baked, mut times) =
-            source::bake_character(input, &character, &options, &progress)?;
+            source::bake_character(input, &character, &tints, &options, &progress)?;
         let mut impostor_limits = Vec::new();
         if let Some(plan) = &plan {
             let added = plan.add_to(&mut baked, input, &progress)?;

@@ -83,12 +83,12 @@ impl Draft {
 }
 
 fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Draft> {
-    let place = |subject: Subject| -> Result<Option<PathBuf>> {
+    let place = |subject: Subject, tints: &Tints| -> Result<Option<PathBuf>> {
         let Some(cache) = &recipe.cache else {
             return Ok(None);
         };
         let impostors = recipe.impostors.as_ref().map(|p| p.identity(source));
-        let (options, tints) = (&recipe.options, tints(source)?);
+        let options = &recipe.options;
         let identity = format!("{options:?} {:?} {tints:?}", impostors.transpose()?);
         Ok(Some(cache.place(&subject, &identity)))
     };
@@ -96,13 +96,13 @@ fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Dra
         let cache = recipe.cache.as_ref()?;
         cache.load(place.as_ref()?, progress)
     };
-    let (character, place) = match source.strip_prefix(BUILTIN) {
+    let (character, tints, place) = match source.strip_prefix(BUILTIN) {
         Some(name) => {
-            let place = place(Subject::Builtin(name))?;
+            let place = place(Subject::Builtin(name), &None)?;
             if let Some(baked) = cached(&place) {
                 return Ok(Draft::Done(baked));
             }
-            (builtin(name)?, place)
+            (builtin(name)?, None, place)
         }
         None => {
             let (path, bytes) = read(source)?;
@@ -110,21 +110,23 @@ fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Dra
                 return Ok(Draft::Done(file::from_bytes(path, &bytes)?));
             }
             let character = import_bytes(path, &bytes, progress)?;
-            let place = place(Subject::Character(&character))?;
+            let tints = tints(source)?;
+            let place = place(Subject::Character(&character), &tints)?;
             if let Some(baked) = cached(&place) {
                 return Ok(Draft::Done(baked));
             }
-            (character, place)
+            (character, tints, place)
         }
     };
-    let (baked, _) = bake_character(source, &character, &recipe.options, progress)?;
+    let (baked, _) = bake_character(source, &character, &tints, &recipe.options, progress)?;
     Ok(Draft::Meshes(baked, place))
 }
 
-/// Bakes with a line on stderr that says how far it is. Errors name `source`.
+/// Bakes with a line on stderr that says how far it is. `tints` are those beside `source`, which errors name.
 pub fn bake_character(
     source: &str,
     character: &Character,
+    tints: &Tints,
     options: &BakeOptions,
     progress: &Progress,
 ) -> Result<(Baked, BakeTimes)> {
@@ -132,15 +134,18 @@ pub fn bake_character(
     let result = bake(character, options, &mut |stage| line.set_message(stage));
     line.finish_and_clear();
     let (mut baked, times) = result.map_err(|e| anyhow!("{source}: {e}"))?;
-    if let Some((path, text)) = tints(source)? {
+    if let Some((path, text)) = tints {
         progress.note(&format!("{source}: tints from {}", path.display()));
-        apply_sidecar(&path, &text, &mut baked)?;
+        apply_sidecar(path, text, &mut baked)?;
     }
     Ok((baked, times))
 }
 
-/// The file beside a source that says what its materials are, and its text.
-fn tints(source: &str) -> Result<Option<(PathBuf, String)>> {
+/// The file that says what a source's materials are, and its text.
+pub type Tints = Option<(PathBuf, String)>;
+
+/// What lies beside a source.
+pub fn tints(source: &str) -> Result<Tints> {
     let path = Path::new(source).with_extension("tints.toml");
     if source.starts_with(BUILTIN) || !path.is_file() {
         return Ok(None);
