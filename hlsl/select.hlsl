@@ -265,6 +265,27 @@ void List(bool wanted, uint index)
     }
 }
 
+// An agent's place in the list of all that are one quad, most of a far crowd: one atomic for all lanes. All lanes call it.
+uint RankOfQuad(bool wanted)
+{
+    uint count = WaveActiveCountBits(wanted);
+    uint before = WavePrefixCountBits(wanted);
+    uint place = 0u;
+    if (WaveIsFirstLane() && count > 0u)
+    {
+        InterlockedAdd(tally[TALLY_BINS + QUAD_BIN], count, place);
+    }
+    return WaveReadLaneFirst(place) + before;
+}
+
+// The list of all that are one quad is the first, so a place in it is known at once, and nothing else reads poses.
+void WriteQuad(uint place, uint index, AgentState agent, uint pose_fade, float shadow_radius)
+{
+    instances[4u * place] = uint4(asuint(agent.position), asuint(agent.heading_cos * agent.scale));
+    instances[4u * place + 1u] = uint4(agent.tint_seed, pose_fade, index << 6, asuint(agent.heading_sin * agent.scale));
+    instances[4u * place + 3u] = uint4(0u, 0u, 0u, asuint(shadow_radius));
+}
+
 // What an agent's bounds say: how far it is, and whether any of it is in the picture.
 struct Bounds
 {
@@ -385,13 +406,14 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     float lod_error = full ? -1.0 : error_per_metre * distance / agent.scale;
     uint live_vertices = 0u;
     uint mesh = 0u;
-    List(visible, index);
+    Choice choice = ChooseRange(
+        agent.character, pixel_angle * distance / agent.scale, 2.0 * clip0.box_half_extent.y, agent.tint_seed);
+    bool is_quad = visible && (choice.bin == QUAD_BIN || choice.before == QUAD_BIN);
+    uint quad_rank = RankOfQuad(is_quad);
+    uint first_entry = index * stride;
+    uint entry = first_entry;
     if (visible)
     {
-        uint entry = index * stride;
-        uint end = entry + stride;
-        Choice choice = ChooseRange(
-            agent.character, pixel_angle * distance / agent.scale, 2.0 * clip0.box_half_extent.y, agent.tint_seed);
         mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
         uint submesh_count = mesh * character.submesh_count;
         for (uint s = 0u; s < submesh_count; s++)
@@ -407,7 +429,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
                 entry++;
             }
         }
-        if (choice.bin != BIN_NONE)
+        if (choice.bin != BIN_NONE && choice.bin != QUAD_BIN)
         {
             uint rank;
             InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, rank);
@@ -415,7 +437,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
             entry++;
         }
         // A mesh that fades out is drawn whole: what fades in covers it.
-        if (choice.before != BIN_NONE && choice.before != choice.bin)
+        if (choice.before != BIN_NONE && choice.before != QUAD_BIN && choice.before != choice.bin)
         {
             uint rank;
             InterlockedAdd(tally[TALLY_BINS + choice.before], 1u, rank);
@@ -423,11 +445,18 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
             selected[entry] = uint4(choice.before, rank, pose | fade, asuint(lod_error));
             entry++;
         }
-        if (entry < end)
+        if (entry > first_entry && entry < first_entry + stride)
         {
             selected[entry].x = BIN_NONE;
         }
     }
+    if (is_quad)
+    {
+        uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | (choice.bin == QUAD_BIN ? 0u : IMPOSTOR_FADES_OUT);
+        float shadow_radius = entry == first_entry ? ShadowRadius(agent, character, clip0) : 0.0;
+        WriteQuad(quad_rank, index, agent, pose | fade, shadow_radius);
+    }
+    List(entry > first_entry, index);
 
     uint wave_visible = WaveActiveCountBits(visible);
     uint wave_occluded = WaveActiveCountBits(occluded);

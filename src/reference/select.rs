@@ -4,8 +4,8 @@ use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
-    FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES, RangeInfo,
-    SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
+    FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES, QUAD_BIN,
+    RangeInfo, SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
@@ -84,12 +84,19 @@ pub fn select(
         if choice.before != BIN_NONE && choice.before != choice.bin {
             entries.push((choice.before, pose | IMPOSTOR_FADES_OUT));
         }
+        // The first casts the shadow; one quad only where it is alone.
+        entries.sort_by_key(|&(bin, _)| bin == QUAD_BIN);
         for (e, (bin, live_vertex_count)) in entries.into_iter().enumerate() {
-            lists[bin as usize].push(Instance {
+            let mut instance = Instance {
                 live_vertex_count,
                 shadow_radius: if e == 0 { instance.shadow_radius } else { 0.0 },
                 ..instance
-            });
+            };
+            if bin == QUAD_BIN {
+                // Its pose is a picture: no influences, no frames.
+                instance.packed = Instance::pack(0, 0, index as u32);
+            }
+            lists[bin as usize].push(instance);
         }
     }
     for (list, band) in lists.iter().zip(&tables.bands) {
