@@ -127,6 +127,13 @@ float DistanceToSphere(ClipInfo clip, AgentState agent)
 
 #include "occlusion.hlsli"
 
+// How many clips an agent blends with its first: none or one. A loop over them, in place of a branch: a CPU driver leaves it
+// where no lane goes in, and runs both sides of a branch.
+uint BlendedClips(AgentState agent)
+{
+    return (agent.clips >> 16) == (agent.clips & 0xffffu) ? 0u : 1u;
+}
+
 // Frame position of a phase: the last frame stands at the clip's end.
 float FramePosition(ClipInfo clip, float phase)
 {
@@ -144,7 +151,11 @@ float ShadowRadius(AgentState agent, CharacterInfo character, ClipInfo clip0)
 Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error, bool still)
 {
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
-    ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
+    ClipInfo clip1 = clip0;
+    for (uint i = BlendedClips(agent); i > 0u; i--)
+    {
+        clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
+    }
     Instance instance;
     instance.position = agent.position;
     instance.tint_seed = agent.tint_seed;
@@ -293,7 +304,7 @@ struct Bounds
     bool inside;
 };
 
-Bounds FindBounds(AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInfo clip1, float4 planes[6])
+Bounds FindBounds(AgentState agent, ClipInfo clip0, ClipInfo clip1, float4 planes[6])
 {
     // A blend is a convex combination of both clips, vertex by vertex: outside only where both are.
     float nearest = 0.0;
@@ -321,7 +332,7 @@ void CSGather(uint3 thread : SV_DispatchThreadID)
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
-    Bounds bounds = FindBounds(agent, character, clip0, clip0, planes);
+    Bounds bounds = FindBounds(agent, clip0, clip0, planes);
     float height = 2.0 * agent.scale * clip0.box_half_extent.y;
     bool large = height >= occluder_angle * bounds.distance;
     // Over whom one looks down steeply, only much smaller ones could be hidden.
@@ -385,8 +396,13 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
-    ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16)); // clip0 where it does not count
-    Bounds bounds = FindBounds(agent, character, clip0, clip1, planes);
+    Bounds bounds = FindBounds(agent, clip0, clip0, planes);
+    ClipInfo clip1 = clip0;
+    for (uint i = BlendedClips(agent); i > 0u; i--)
+    {
+        clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
+        bounds = FindBounds(agent, clip0, clip1, planes);
+    }
     float distance = bounds.distance;
     bool visible = bounds.inside && inside;
     bool occluded = false;
@@ -460,18 +476,27 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
 
     uint wave_visible = WaveActiveCountBits(visible);
     uint wave_occluded = WaveActiveCountBits(occluded);
-    uint wave_live_vertices = WaveActiveSum(live_vertices);
     uint wave_meshes = WaveActiveSum(mesh);
-    if (WaveIsFirstLane() && wave_visible + wave_occluded > 0u)
+    uint wave_live_vertices = WaveActiveSum(live_vertices);
+    if (WaveIsFirstLane())
     {
-        InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
-        InterlockedAdd(tally[TALLY_OCCLUDED], wave_occluded);
-        InterlockedAdd(tally[TALLY_MESHES], wave_meshes);
-        uint before;
-        InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
-        if (before + wave_live_vertices < before)
+        if (wave_visible > 0u)
         {
-            InterlockedAdd(tally[TALLY_LIVE_VERTICES_HIGH], 1u);
+            InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
+        }
+        if (wave_occluded > 0u)
+        {
+            InterlockedAdd(tally[TALLY_OCCLUDED], wave_occluded);
+        }
+        if (wave_meshes > 0u)
+        {
+            InterlockedAdd(tally[TALLY_MESHES], wave_meshes);
+            uint before;
+            InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
+            if (before + wave_live_vertices < before)
+            {
+                InterlockedAdd(tally[TALLY_LIVE_VERTICES_HIGH], 1u);
+            }
         }
     }
 }
