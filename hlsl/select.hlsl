@@ -1,5 +1,6 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
-// list per (submesh, band). Three passes: count, scan, scatter. Twin: src/reference/select.rs
+// list per (submesh, band). Three passes: count, scan, scatter; who is one quad is written in the first. Twin:
+// src/reference/select.rs
 // In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
 // The order within a list is not defined.
 // Occluders' lists are made the same way before: gather lists who is large enough, count_occluders takes coarse levels.
@@ -294,7 +295,7 @@ void WriteQuad(uint place, uint index, AgentState agent, uint pose_fade, float s
 {
     instances[4u * place] = uint4(asuint(agent.position), asuint(agent.heading_cos * agent.scale));
     instances[4u * place + 1u] = uint4(agent.tint_seed, pose_fade, index << 6, asuint(agent.heading_sin * agent.scale));
-    instances[4u * place + 3u] = uint4(0u, 0u, 0u, asuint(shadow_radius));
+    instances[4u * place + 3u].w = asuint(shadow_radius);
 }
 
 // What an agent's bounds say: how far it is, and whether any of it is in the picture.
