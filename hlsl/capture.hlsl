@@ -2,6 +2,8 @@
 // src/reference/capture.rs
 // In: a character's textures, whose palette here holds the poses to take, and indices already moved to the level of detail;
 // out: colour and weight, normal, body part and depth. Skinning is the mesh stage's own.
+// Pictures of a group show both faces of it, and what follows it before what hardly does: the side of a skirt that a leg
+// moves is half a tube, and the other side is between it and the eye.
 
 #include "mesh.hlsli"
 
@@ -36,6 +38,7 @@ struct Captured
 {
     float4 color : SV_Target0;
     float4 surface : SV_Target1;
+    float place : SV_Depth;
 };
 
 // Sum of the vertex's weights that belong to joints of the group.
@@ -112,5 +115,6 @@ Captured PSMain(PixelInput i, bool front_face : SV_IsFrontFace)
     o.color = float4(color.rgb, (1.0 + 254.0 * saturate(weight)) * (1.0 / 255.0));
     o.surface = float4((128.0 + 127.0 * normal.xy) * (1.0 / 255.0), float(i.part) * (1.0 / 255.0),
         saturate(0.5 + 0.5 * i.normal_depth.w));
+    o.place = 0.5 * i.position.z + (weight < CAPTURE_WEIGHT_OWN ? 0.0 : 0.5);
     return o;
 }

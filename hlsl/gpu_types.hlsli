@@ -68,6 +68,8 @@
 #define CAPTURE_ALL_GROUPS 0xffffffffu
 // Surfaces with less weight in a picture's group are not in it: half a step of the 254 that weights are stored in.
 #define CAPTURE_WEIGHT_MIN 0.00197
+// Surfaces with at least this weight in a picture's group are in front of those with less.
+#define CAPTURE_WEIGHT_OWN 0.3
 // Surfaces are drawn up to this many depth extents from a picture's centre.
 #define CAPTURE_DEPTH_REACH 8.0
 // Words of a DrawCommand, and which of them is first_instance.

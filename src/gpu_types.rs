@@ -84,6 +84,8 @@ pub const REDUCE_GROUP_SIZE: u32 = 64;
 pub const CAPTURE_ALL_GROUPS: u32 = u32::MAX;
 /// Surfaces with less weight in a picture's group are not in it.
 pub const CAPTURE_WEIGHT_MIN: f32 = 0.00197;
+/// Surfaces with at least this weight in a picture's group are in front of those with less.
+pub const CAPTURE_WEIGHT_OWN: f32 = 0.3;
 /// Surfaces are drawn up to this many depth extents from a picture's centre.
 pub const CAPTURE_DEPTH_REACH: f32 = 8.0;
 /// Metres above the ground that contact shadows are drawn at.

@@ -366,6 +366,7 @@ fn shared_numbers_are_equal() {
         ("GROUND_PLAIN", t::GROUND_PLAIN as f64),
         ("CAPTURE_ALL_GROUPS", t::CAPTURE_ALL_GROUPS as f64),
         ("CAPTURE_WEIGHT_MIN", t::CAPTURE_WEIGHT_MIN as f64),
+        ("CAPTURE_WEIGHT_OWN", t::CAPTURE_WEIGHT_OWN as f64),
         ("CAPTURE_DEPTH_REACH", t::CAPTURE_DEPTH_REACH as f64),
     ] {
         assert_eq!(value(name) as f32, host as f32, "{name}");

@@ -18,7 +18,7 @@ use super::resident::{self, Resident};
 use super::shader_stages::with_stages;
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};
 use crate::error::RenderError;
-use crate::gpu_types::{CaptureInstance, DrawConstants, PALETTE_ROW_ENTRIES};
+use crate::gpu_types::{CAPTURE_ALL_GROUPS, CaptureInstance, DrawConstants, PALETTE_ROW_ENTRIES};
 use crate::prepare;
 
 const COLOR: vk::Format = vk::Format::R8G8B8A8_UNORM;
@@ -111,7 +111,9 @@ impl<'a> Capturer<'a> {
         let o = &mut self.objects;
         let (resident, upload) =
             resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0, (0, false))?;
-        let variants: Vec<MeshVariant> = resident.draws.iter().map(|d| d.variant()).collect();
+        let variants: Vec<MeshVariant> = (resident.draws.iter())
+            .flat_map(|d| [d.variant(), both_faces(d.variant())])
+            .collect();
         let resident = o.resident.insert(resident);
         // A begun command buffer runs even where recording failed, so the staging buffer may go after the wait.
         if let Err(e) = self.headless.core.begin() {
@@ -309,7 +311,11 @@ impl<'a> Capturer<'a> {
                 continue;
             }
             let draw = &resident.draws[run.submesh];
-            let pipeline = o.pipelines.get(&draw.variant()).copied();
+            let variant = match run.group {
+                CAPTURE_ALL_GROUPS => draw.variant(),
+                _ => both_faces(draw.variant()),
+            };
+            let pipeline = o.pipelines.get(&variant).copied();
             c.bind_pipeline(GRAPHICS, pipeline.unwrap_or_default());
             let constants = DrawConstants {
                 first_vertex: draw.first_vertex,
@@ -320,6 +326,14 @@ impl<'a> Capturer<'a> {
             let instances = first_instance + first..first_instance + end;
             c.draw_indexed_instances(run.first_index, run.index_count, instances);
         }
+    }
+}
+
+/// Pictures of a group show both faces of it.
+fn both_faces(variant: MeshVariant) -> MeshVariant {
+    MeshVariant {
+        double_sided: true,
+        ..variant
     }
 }
 

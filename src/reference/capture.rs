@@ -8,7 +8,7 @@ use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_uv, decode_weights};
 
 use super::mesh::{living_ancestor, skin_vertex};
-use crate::gpu_types::{CAPTURE_DEPTH_REACH, CAPTURE_WEIGHT_MIN, Instance};
+use crate::gpu_types::{CAPTURE_DEPTH_REACH, CAPTURE_WEIGHT_MIN, CAPTURE_WEIGHT_OWN, Instance};
 
 /// Devices snap corners to this share of a pixel.
 const SUBPIXEL: f32 = 1.0 / 256.0;
@@ -18,7 +18,7 @@ pub fn capture(baked: &Baked, batch: &CaptureBatch, view: &CaptureView) -> Captu
     let pixel_count = view.size[0] as usize * view.size[1] as usize;
     let mut target = Target {
         view,
-        depths: vec![-CAPTURE_DEPTH_REACH; pixel_count],
+        places: vec![(false, -CAPTURE_DEPTH_REACH); pixel_count],
         picture: CapturedView {
             color: vec![[0; 4]; pixel_count],
             surface: vec![[0; 4]; pixel_count],
@@ -77,7 +77,8 @@ struct Material<'a> {
 
 struct Target<'a> {
     view: &'a CaptureView,
-    depths: Vec<f32>,
+    /// By pixel: whether what is there follows the picture's group, and its depth.
+    places: Vec<(bool, f32)>,
     picture: CapturedView,
 }
 
@@ -144,7 +145,8 @@ impl Target<'_> {
             corners[2].position,
         );
         let front = signed > 0.0;
-        if signed == 0.0 || !(front || material.double_sided) {
+        let both_faces = material.double_sided || self.view.group.is_some();
+        if signed == 0.0 || !(front || both_faces) {
             return;
         }
         let part = corners[0].part;
@@ -188,7 +190,8 @@ impl Target<'_> {
         level: u32,
         material: &Material,
     ) {
-        if at.depth < self.depths[pixel]
+        let place = (at.weight >= CAPTURE_WEIGHT_OWN, at.depth);
+        if place < self.places[pixel]
             || at.depth > CAPTURE_DEPTH_REACH
             || at.weight < CAPTURE_WEIGHT_MIN
         {
@@ -205,7 +208,7 @@ impl Target<'_> {
         normal.z = normal.z.max(0.0);
         let normal = normal.normalize_or_zero();
         let byte = |x: f32| x.clamp(0.0, 255.0).round() as u8;
-        self.depths[pixel] = at.depth;
+        self.places[pixel] = place;
         self.picture.color[pixel] = [
             byte(color.x * 255.0),
             byte(color.y * 255.0),

@@ -23,7 +23,8 @@ pub struct CaptureBatch {
 pub struct CaptureView {
     /// Which of the poses.
     pub pose: u32,
-    /// Draw only surfaces with weight in this group; every surface where `None`.
+    /// Draw only surfaces with weight in this group, both faces, those that follow it by at least 0.3 before others; front
+    /// faces of every surface where `None`.
     pub group: Option<u8>,
     /// Origin of the plane.
     pub center: Vec3,

@@ -7,6 +7,9 @@ use throng_bake::impostor::capture::{CaptureBatch, CaptureView, CapturedView};
 use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_normal, decode_position, decode_uv, decode_weights};
 
+/// Surfaces with at least this weight in a picture's group are in front of those with less.
+const OWN_WEIGHT: f32 = 0.3;
+
 /// A triangle's corners and what its submesh says.
 struct Triangle {
     corners: [u32; 3],
@@ -74,7 +77,9 @@ fn picture(
         color: vec![[0; 4]; columns * rows],
         surface: vec![[0; 4]; columns * rows],
     };
-    let mut depths = vec![f32::NEG_INFINITY; columns * rows];
+    // By pixel: whether what is there follows the picture's group, and its depth.
+    let mut places = vec![(false, f32::NEG_INFINITY); columns * rows];
+    let both_faces = view.group.is_some();
     let toward = view.right.cross(view.up);
     let scale = Vec2::new(columns as f32, rows as f32) / (view.max - view.min);
     let weight_of = |v: &Vertex| match view.group {
@@ -100,7 +105,7 @@ fn picture(
             |a: Vec3, b: Vec3, x: f32, y: f32| (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
         // Rows grow downwards, so what turns counter-clockwise has a negative area here.
         let area = -edge(at[0], at[1], at[2].x, at[2].y);
-        if area == 0.0 || (area < 0.0 && !triangle.double_sided) {
+        if area == 0.0 || (area < 0.0 && !triangle.double_sided && !both_faces) {
             continue;
         }
         let side = area.signum();
@@ -124,14 +129,15 @@ fn picture(
                 let i = y * columns + x;
                 let depth = mix(&|k| at[k].z);
                 let weight = mix(&|k| weights[k]);
-                if depth <= depths[i] || weight <= 0.0 {
+                let place = (weight >= OWN_WEIGHT, depth);
+                if place <= places[i] || weight <= 0.0 {
                     continue;
                 }
                 let color = color(baked, vertices, w);
                 if color[3] < triangle.alpha_cutoff {
                     continue;
                 }
-                depths[i] = depth;
+                places[i] = place;
                 let normal = (0..3).fold(Vec3::ZERO, |n, k| {
                     n + w[k] * posed[triangle.corners[k] as usize].1
                 }) * side;
