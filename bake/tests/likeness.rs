@@ -30,6 +30,8 @@ const VIEWS: [(f32, f32); 5] = [
 ];
 /// Poses in clips beside the one at rest.
 const CLIP_POSES: usize = 5;
+/// Rows from the top that a person's head takes.
+const HEAD_PX: usize = 5;
 /// Side of a pixel on a sheet.
 const ENLARGED: usize = 6;
 
@@ -70,6 +72,8 @@ struct Likeness {
     /// Intersection over union of coverage: mean and least over all pictures.
     overlap: f32,
     least_overlap: f32,
+    /// The same in the top rows, where people have their heads.
+    head_overlap: f32,
     /// Root of the mean squared difference of colour where both are, 0 to 1 (black against white).
     color: f32,
 }
@@ -102,20 +106,21 @@ fn level(character: Character, count: usize) -> Level {
     let poses = PoseSet::choose(&character, &mesh, PoseSet::DEFAULT_COUNT);
     let sequence = simplify(&mut mesh, &poses, &textures(&character));
     let simplify_s = start.elapsed().as_secs_f32();
-    let place = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
     let drawn = |k: usize| -> Vec<[u32; 3]> {
         let mut seen = HashSet::new();
         let mut triangles = triangles_at(&mesh, &sequence, k);
         triangles.retain(|t| {
-            let first = (0..3).min_by_key(|&i| place(t[i])).expect("three");
-            seen.insert([0, 1, 2].map(|i| place(t[(first + i) % 3])))
+            let first = (0..3).min_by_key(|&i| t[i]).expect("three");
+            seen.insert([0, 1, 2].map(|i| t[(first + i) % 3]))
         });
         triangles
     };
     let steps: Vec<usize> = (0..=sequence.steps.len()).collect();
-    // Steps of one error are one level.
     let k = steps.partition_point(|&k| drawn(k).len() > count);
-    let triangles = drawn(k);
+    // Steps of one error are one level.
+    let error = |k: usize| sequence.steps[k - 1].error_m;
+    let k = steps.partition_point(|&i| i == 0 || error(i) <= error(k.max(1)));
+    let triangles = drawn(k - 1);
     Level {
         character,
         mesh,
@@ -189,7 +194,11 @@ impl Camera {
     fn project(&self, p: Vec3) -> Vec3 {
         let p = (p - self.center) * self.scale;
         let half = 0.5 * SIZE_PX as f32;
-        Vec3::new(half + p.dot(self.right), half - p.dot(self.up), p.dot(self.back))
+        Vec3::new(
+            half + p.dot(self.right),
+            half - p.dot(self.up),
+            p.dot(self.back),
+        )
     }
 }
 
@@ -294,7 +303,12 @@ fn pictures(l: &Level) -> Vec<[Picture; 2]> {
         let posed = skinned(&l.mesh, &palette);
         let normals = normals(&l.mesh, &palette);
         if rest_height == 0.0 {
-            let used = l.mesh.triangles.iter().flatten().map(|&v| posed[v as usize]);
+            let used = l
+                .mesh
+                .triangles
+                .iter()
+                .flatten()
+                .map(|&v| posed[v as usize]);
             let (low, high) = used.fold((Vec3::MAX, Vec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
             // Long animals are not higher than they are long.
             rest_height = (high - low).y.max(0.8 * (high - low).max_element());
@@ -308,26 +322,37 @@ fn pictures(l: &Level) -> Vec<[Picture; 2]> {
     out
 }
 
+fn overlap(a: &[[f32; 4]], b: &[[f32; 4]]) -> f32 {
+    let pairs = || a.iter().zip(b).map(|(a, b)| (a[3], b[3]));
+    let both: f32 = pairs().map(|(a, b)| a.min(b)).sum();
+    let any: f32 = pairs().map(|(a, b)| a.max(b)).sum();
+    both / any.max(1e-6)
+}
+
 fn likeness(pictures: &[[Picture; 2]]) -> Likeness {
-    let (mut overlaps, mut colors) = (Vec::new(), Vec::new());
+    let (mut overlaps, mut heads, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     for [full, few] in pictures {
-        let (mut both, mut any, mut color) = (0.0, 0.0, 0.0);
+        let top = full.iter().position(|p| p[3] > 0.5).unwrap_or(0) / SIZE_PX;
+        // What stands out over the head counts, too.
+        let rows = 0..(top + HEAD_PX) * SIZE_PX;
+        heads.push(overlap(&full[rows.clone()], &few[rows]));
+        overlaps.push(overlap(full, few));
+        let (mut both, mut color) = (0.0, 0.0);
         for (a, b) in full.iter().zip(few) {
             let common = a[3].min(b[3]);
             both += common;
-            any += a[3].max(b[3]);
             if common > 0.0 {
                 let d = (0..3).map(|i| a[i] / a[3] - b[i] / b[3]).map(|d| d * d);
                 color += common * d.sum::<f32>() / 3.0;
             }
         }
-        overlaps.push(both / any.max(1e-6));
-        colors.push(color / both.max(1e-6));
+        colors.push(color / f32::max(both, 1e-6));
     }
     let mean = |x: &[f32]| x.iter().sum::<f32>() / x.len() as f32;
     Likeness {
         overlap: mean(&overlaps),
         least_overlap: overlaps.iter().copied().fold(1.0, f32::min),
+        head_overlap: mean(&heads),
         color: mean(&colors).sqrt(),
     }
 }
@@ -374,11 +399,14 @@ fn print_figures() {
         let level = level(character, count);
         let pictures = pictures(&level);
         let l = likeness(&pictures);
+        let corners: HashSet<u32> = level.triangles.iter().flatten().copied().collect();
         println!(
-            "{name:36} {:3} triangles  overlap {:.3}  least {:.3}  colour {:.3}  {:.2} s",
+            "{name:36} {:3} triangles {:3} vertices  overlap {:.3}  least {:.3}  head {:.3}  colour {:.3}  {:.2} s",
             level.triangles.len(),
+            corners.len(),
             l.overlap,
             l.least_overlap,
+            l.head_overlap,
             l.color,
             level.simplify_s
         );
@@ -391,9 +419,10 @@ fn print_figures() {
     }
     let mean = |of: fn(&Likeness) -> f32| all.iter().map(of).sum::<f32>() / all.len() as f32;
     println!(
-        "mean overlap {:.3}, of the least {:.3}, colour {:.3}",
+        "mean overlap {:.3}, of the least {:.3}, head {:.3}, colour {:.3}",
         mean(|l| l.overlap),
         mean(|l| l.least_overlap),
+        mean(|l| l.head_overlap),
         mean(|l| l.color)
     );
 }
