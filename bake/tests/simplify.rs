@@ -81,6 +81,7 @@ fn bent(joint_count: usize) -> PoseSet {
     };
     PoseSet {
         poses: vec![pose(0.0), pose(1.57)],
+        ..PoseSet::default()
     }
 }
 

@@ -459,6 +459,11 @@ impl Extremity {
     }
 }
 
+/// Whether a joint's name says that it moves a head, or what is in one.
+pub(crate) fn names_head(name: &str) -> bool {
+    Extremity::of_name(name) == Some(Extremity::Head)
+}
+
 /// The joint only helps its parent: twist and leaf joints.
 fn is_subordinate(name: &str) -> bool {
     const WORDS: &[&str] = &[

@@ -5,6 +5,8 @@ use super::surface::Surface;
 
 /// Squared contrast of a texture coordinate that jumps by a whole texture, beside what its colours say.
 const JUMP_CONTRAST_SQUARED: f32 = 0.1;
+/// Squared contrast from which a wedge stays a wedge of its own among few points: skin and hair, shirt and trousers.
+const KEPT_CONTRAST_SQUARED: f32 = 0.02;
 
 /// Where a wedge of a dying point goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +66,19 @@ pub(super) fn wedge_moves(
         moves.push(WedgeMove { from, to });
     }
     true
+}
+
+/// Lets wedges that look like none at `target` stay as they are, in place of what `moves` say: they have no `to` then.
+pub(super) fn keep_looks(surface: &Surface, looks: &Looks, target: u32, moves: &mut [WedgeMove]) {
+    let of = |w| looks.of(&surface.mesh, w);
+    for m in moves.iter_mut().filter(|m| m.to.is_some()) {
+        let choices = surface.wedges_of[target as usize].iter().copied();
+        let best = choices
+            .filter(|&to| joins(surface, m.from, to))
+            .map(|to| (of(m.from).colors_apart(&of(to)), to))
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        m.to = best.filter(|b| b.0 <= KEPT_CONTRAST_SQUARED).map(|b| b.1);
+    }
 }
 
 /// Whether corners of `from` may go to `to`: both are of one submesh and texture.

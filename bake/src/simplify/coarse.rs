@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use glam::Vec3;
 
 use super::pictures::{Change, Pictures};
-use super::{Action, Choice, Simplifier, attributes};
+use super::{Action, Simplifier, attributes};
 
 /// Points from which on pictures choose.
 pub(super) const PICTURE_POINTS: usize = 80;
@@ -18,19 +18,25 @@ const MOVES_EACH: usize = 2;
 /// Least gain that is worth a move: wrong area in the pictures, as a share of the character's size squared.
 const LEAST_GAIN: f64 = 1e-5;
 /// Targets whose collapse is also compared with its point in between, the best by pictures.
-const VARIED: usize = 6;
+const VARIED: usize = 4;
 /// Shares of the way back to the dying point at which the one that stays is tried.
 const WAY_SHARES: [f32; 2] = [0.35, 0.7];
 /// Points from which on pictures also say where the others stand. With more, distances say it better: pictures of this size
 /// and number would be fitted, not the character.
-const MOVE_POINTS: usize = 50;
+const MOVE_POINTS: usize = 65;
+/// Triangles of the level at which all points are fitted together, how often at most, by which lengths, and the share of
+/// the wrong area from which another round gains too little.
+const SETTLED_TRIANGLES: usize = 40;
+const SETTLE_ROUNDS: usize = 4;
+const SETTLE_MOVES: [f32; 3] = [0.03, 0.015, 0.0075];
+const SETTLED_SHARE: f64 = 0.99;
 /// What pictures do not see (other poses and sides, light) adds to the error.
 const UNSEEN: f64 = 1.1;
 /// Range of [`Coarse::error_factor`] before that; real characters have 0.40 to 0.53.
 const ERROR_FACTORS: [f64; 2] = [0.3, 0.7];
 /// Wrong area in pictures that giving up a seam counts, for contrast times surface. Pictures show about a quarter of a
-/// surface; seams count four times as much, because they keep colours of head and clothes apart and cost no triangle.
-const TWIN_WEIGHT: f64 = 1.0;
+/// surface; seams count many times as much, because they keep colours of head and clothes apart and cost no triangle.
+const TWIN_WEIGHT: f64 = 4.0;
 
 /// What pictures need between collapses.
 pub(super) struct Coarse {
@@ -42,6 +48,8 @@ pub(super) struct Coarse {
     /// Error over the square root of the wrong area: errors go on where distances have left off. An outline of length L that
     /// is off by d is a wrong area of L * d, so both measures mean the same.
     pub error_factor: f64,
+    /// All points have been fitted together at [`SETTLED_TRIANGLES`].
+    pub settled: bool,
 }
 
 impl Simplifier<'_> {
@@ -106,28 +114,25 @@ impl Simplifier<'_> {
         self.surface.neighbors(point, &mut targets);
         let (mut changes, mut choices) = (Vec::new(), Vec::new());
         for &target in &targets {
-            if let Some(choice) = self.estimate(point, target) {
+            let (surface, looks) = (&self.surface, self.samples.looks());
+            if attributes::wedge_moves(surface, looks, point, target, &mut self.moves) {
                 changes.push(self.without(point, target));
-                choices.push(choice);
+                choices.push(target);
             }
         }
         self.targets = targets;
         self.forget_dead_faces();
         let coarse = &self.coarse;
         let wrong = (coarse.pictures).compare(&self.surface, &coarse.faces, &[point], &changes);
-        let mut costs: Vec<(f64, usize)> = (choices.iter().zip(wrong).enumerate())
-            .map(|(i, (choice, wrong))| (choice.estimate + wrong, i))
-            .collect();
+        let mut costs: Vec<(f64, usize)> = wrong.into_iter().zip(0..).collect();
         costs.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<(f64, Action)> = None;
         for (rank, (mut cost, i)) in costs.into_iter().enumerate() {
-            let Choice {
-                estimate, target, ..
-            } = choices[i];
+            let target = choices[i];
             let saved = self.saved(point, target, &changes[i]).max(1) as f64 / 2.0;
             if rank < VARIED && self.placed_by_pictures() {
                 for wrong in self.wrong_between(point, target, &changes[i]) {
-                    cost = cost.min(estimate + wrong);
+                    cost = cost.min(wrong);
                 }
             }
             // What makes pictures better is the better the more it saves.
@@ -148,6 +153,7 @@ impl Simplifier<'_> {
         let (surface, looks) = (&self.surface, self.samples.looks());
         let moves = &mut self.moves;
         attributes::wedge_moves(surface, looks, point, target, moves);
+        attributes::keep_looks(surface, looks, target, moves);
         let faces = (surface.faces_of[point as usize].iter())
             .map(|&f| &surface.faces[f as usize])
             .filter(|f| !f.has(target))
@@ -281,6 +287,58 @@ impl Simplifier<'_> {
         renewed
     }
 
+    /// Lets wedges of the dying `point` that look like none at `target` go on there as vertices of their own: colours of
+    /// head and clothes stay apart, and cost no triangle. Notes them in `moves`.
+    pub(super) fn carry(&mut self, point: u32, target: u32, moves: &mut [attributes::WedgeMove]) {
+        attributes::keep_looks(&self.surface, self.samples.looks(), target, moves);
+        for m in moves.iter_mut().filter(|m| m.to.is_none()) {
+            let s = &mut self.surface;
+            let goes_on = s.faces_of[point as usize].iter().any(|&f| {
+                let face = &s.faces[f as usize];
+                !face.has(target) && face.wedge_at(point) == m.from
+            });
+            if goes_on {
+                m.to = Some(s.carry_wedge(m.from, target));
+            }
+        }
+        self.learn();
+    }
+
+    /// Fits all points together, several times, at the level that is asked for most. Each wedge that is replaced, with the one
+    /// that takes its place.
+    pub(super) fn settle(&mut self) -> Vec<(u32, u32)> {
+        if !self.pictured() || self.coarse.settled {
+            return Vec::new();
+        }
+        self.forget_dead_faces();
+        let faces = self.coarse.faces.iter();
+        let drawn = faces.map(|&f| least_first(self.surface.faces[f as usize].wedges));
+        if drawn.collect::<HashSet<_>>().len() > SETTLED_TRIANGLES {
+            return Vec::new();
+        }
+        self.coarse.settled = true;
+        let points = 0..self.surface.faces_of.len() as u32;
+        let points = points.filter(|&p| !self.surface.faces_of[p as usize].is_empty());
+        let mut points: Vec<(u32, Vec3)> = points.map(|p| (p, Vec3::ZERO)).collect();
+        let mut before = self.wrong();
+        for _ in 0..SETTLE_ROUNDS {
+            for (point, offset) in &mut points {
+                *offset += self.place_by_pictures(*point, &SETTLE_MOVES, Vec3::ZERO);
+            }
+            let after = self.wrong();
+            if after > SETTLED_SHARE * before {
+                break;
+            }
+            before = after;
+        }
+        let mut renewed = Vec::new();
+        for (point, offset) in points {
+            renewed.extend(self.refit_looks(point, offset));
+        }
+        self.dirty.fill(true);
+        renewed
+    }
+
     /// Fits a point as pictures have it, see [`Simplifier::place_by_pictures`]. Each wedge that is replaced, with the one that takes its place.
     pub(super) fn refit_by_pictures(
         &mut self,
@@ -289,6 +347,11 @@ impl Simplifier<'_> {
         way: Vec3,
     ) -> Vec<(u32, u32)> {
         let offset = self.place_by_pictures(point, lengths, way);
+        self.refit_looks(point, offset)
+    }
+
+    /// New vertices for a point that has moved by `offset` in bind space. The same result.
+    fn refit_looks(&mut self, point: u32, offset: Vec3) -> Vec<(u32, u32)> {
         let s = &mut self.surface;
         for f in s.faces_of[point as usize].clone() {
             s.areas[f as usize] = s.face_area(s.faces[f as usize].points);

@@ -25,12 +25,17 @@ pub(super) struct Look {
 impl Look {
     /// Squared contrast between two looks, about 0 to 1: black and white are 1 apart.
     pub fn contrast_squared(&self, other: &Self) -> f32 {
-        let d = self.color - other.color;
-        let color = d.truncate().length_squared() * (1.0 / 3.0) + d.w * d.w;
         let nc = NORMAL_CONTRAST;
         let normal = nc * nc * self.normal.distance_squared(other.normal);
+        self.colors_apart(other) + normal
+    }
+
+    /// The same without what normals add.
+    pub fn colors_apart(&self, other: &Self) -> f32 {
+        let d = self.color - other.color;
+        let color = d.truncate().length_squared() * (1.0 / 3.0) + d.w * d.w;
         let part = PART_CONTRAST * PART_CONTRAST * self.parts_apart(other);
-        color + normal + part
+        color + part
     }
 
     /// Half the squared distance of both looks' shares of body parts: 0 for the same, 1 for different ones.

@@ -29,7 +29,7 @@ use crate::mesh::{Collapse, CollapseSequence, Mesh};
 
 use attributes::WedgeMove;
 use coarse::Coarse;
-use lanes::{LANES, Lanes, Vec3Lanes, read};
+use lanes::{Lanes, Vec3Lanes, read};
 use looks::Looks;
 use pictures::Pictures;
 use quadric::Quadrics;
@@ -87,6 +87,7 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
             faces: Vec::new(),
             swept: None,
             error_factor: 0.0,
+            settled: false,
         },
         surface,
         quadrics,
@@ -296,7 +297,7 @@ impl<'a> Simplifier<'a> {
         let faces = &s.faces_of[point as usize];
         let area: f32 = faces.iter().map(|&f| s.areas[f as usize]).sum();
         let (mut turned, mut swept) = (0.0, 0.0);
-        for group in 0..s.pose_count / LANES {
+        for group in 0..s.group_count {
             let at = |p| Vec3Lanes::read(s.posed_of(p), s.pose_count, group);
             let (from, to) = (at(point), at(target));
             let weights = read(&s.pose_weights, group);
@@ -408,6 +409,9 @@ impl<'a> Simplifier<'a> {
             target,
             &mut moves,
         );
+        if self.pictured() {
+            self.carry(point, target, &mut moves);
+        }
         self.samples
             .try_collapse(&self.surface, point, target, &moves);
         self.samples.commit_collapse(&self.surface, point);
@@ -450,7 +454,8 @@ impl<'a> Simplifier<'a> {
         self.quadrics.add(target, point);
         self.living_points -= 1;
         let refitted = self.refit(target, way);
-        let swept = self.sweep(target);
+        let mut swept = self.sweep(target);
+        swept.extend(self.settle());
         self.raise_error();
         for m in &mut moves {
             let new = refitted.iter().find(|r| Some(r.0) == m.to);

@@ -15,10 +15,12 @@ use super::looks::Looks;
 use super::surface::{Surface, cross, dot};
 
 /// Pixels in a row and a column of a picture. The character's diagonal is as long as one.
-const SIZE: usize = 64;
-/// Poses that are looked at: the weightiest.
-const POSES: usize = 4;
-/// Sides from which each pose is looked at.
+const SIZE: usize = 48;
+/// Weight of the pose at rest against the mean of the others: crowds move, but editors show it, with arms spread.
+const REST_WEIGHT: f32 = 0.6;
+/// Poses that are looked at: the weightiest, and the one at rest.
+const POSES: usize = 6;
+/// Sides from which each pose is looked at. An odd number: outlines from opposite sides are the same.
 const SIDES: usize = 5;
 /// Heights of the viewer above the horizon in radians, in turns.
 const HEIGHTS: [f32; 3] = [0.05, 0.5, 0.2];
@@ -30,6 +32,12 @@ const PART_CONTRAST: f32 = 0.2;
 const AMBIENT: f32 = 0.65;
 /// Views that a thread takes at once, at least.
 const VIEWS_EACH: usize = 5;
+/// Share of all that is wrong that heads count for, where they show less; and most that their pixels count against others.
+/// People look at faces, which are small.
+const HEAD_SHARE: f32 = 0.2;
+const HEAD_COUNT: f32 = 3.0;
+/// Pixels around a head that count as much.
+const HEAD_REACH: isize = 2;
 /// Depth of a pixel that shows nothing.
 const NOTHING: f32 = f32::MIN;
 
@@ -103,6 +111,8 @@ struct View {
     /// Pixel x and y and depth of every point; empty before [`Pictures::place`].
     places: Vec<[f32; 3]>,
     full: Vec<Pixel>,
+    /// What each pixel counts.
+    counts: Vec<f32>,
 }
 
 impl Pictures {
@@ -112,8 +122,18 @@ impl Pictures {
             .filter(|&k| surface.pose_weights[k] > 0.0)
             .collect();
         poses.sort_by(|&a, &b| surface.pose_weights[b].total_cmp(&surface.pose_weights[a]));
-        poses.truncate(POSES);
-        let total: f32 = poses.iter().map(|&k| surface.pose_weights[k]).sum();
+        poses.truncate(POSES - usize::from(surface.rest.is_some()));
+        let mean = poses
+            .iter()
+            .map(|&k| surface.pose_weights[k].sqrt())
+            .sum::<f32>()
+            / poses.len() as f32;
+        let weight = |k: usize| match surface.pose_weights[k] {
+            0.0 => REST_WEIGHT * mean,
+            weight => weight.sqrt(),
+        };
+        poses.extend(surface.rest);
+        let total: f32 = poses.iter().map(|&k| weight(k)).sum();
         let mut pictures = Self {
             views: Vec::new(),
             poses,
@@ -125,7 +145,7 @@ impl Pictures {
                 let height = HEIGHTS[(slot + side) % HEIGHTS.len()];
                 let mut view = View::new(surface, pose, height, std::f32::consts::TAU * turn);
                 view.slot = slot;
-                view.weight = surface.pose_weights[pose] / (total * SIDES as f32);
+                view.weight = weight(pose) / (total * SIDES as f32);
                 pictures.views.push(view);
             }
         }
@@ -135,7 +155,38 @@ impl Pictures {
         pictures.views.par_iter_mut().for_each(|view| {
             view.full = view.render_full(surface, looks, &lights);
         });
+        pictures.look_at_heads(surface);
         pictures
+    }
+
+    /// Lets pixels of and around heads count more, where they are few.
+    fn look_at_heads(&mut self, surface: &Surface) {
+        let heads = (self.views.par_iter()).map(|view| view.head_pixels(surface));
+        let heads: Vec<Vec<bool>> = heads.collect();
+        let shown = self.views.iter().flat_map(|v| &v.full);
+        let shown = shown.filter(|p| p.depth > NOTHING).count() as f32;
+        let all_heads = heads.iter().flatten().filter(|&&h| h).count() as f32;
+        let count = (HEAD_SHARE * shown / all_heads.max(1.0)).clamp(1.0, HEAD_COUNT);
+        for (view, head) in self.views.iter_mut().zip(heads) {
+            let near = |i: usize| {
+                let (x, y) = ((i % SIZE) as isize, (i / SIZE) as isize);
+                (-HEAD_REACH..=HEAD_REACH).any(|dy| {
+                    (-HEAD_REACH..=HEAD_REACH).any(|dx| {
+                        let (x, y) = (x + dx, y + dy);
+                        let inside = 0..SIZE as isize;
+                        inside.contains(&x)
+                            && inside.contains(&y)
+                            && head[y as usize * SIZE + x as usize]
+                    })
+                })
+            };
+            view.counts = (0..SIZE * SIZE)
+                .map(|i| {
+                    let counts = head[i] || view.full[i].depth == NOTHING && near(i);
+                    if counts { count } else { 1.0 }
+                })
+                .collect();
+        }
     }
 
     /// Learns what wedges look like that are new, or all if there are none yet.
@@ -329,6 +380,7 @@ impl View {
             low: [right, up].map(|axis| dot(center, axis) - 0.5),
             places: Vec::new(),
             full: Vec::new(),
+            counts: Vec::new(),
         }
     }
 
@@ -380,17 +432,49 @@ impl View {
         pixels
     }
 
+    /// Which pixels show a head.
+    fn head_pixels(&self, surface: &Surface) -> Vec<bool> {
+        let all = Rectangle {
+            low: [0; 2],
+            high: [SIZE; 2],
+        };
+        let mut out = vec![false; SIZE * SIZE];
+        for face in surface
+            .faces
+            .iter()
+            .filter(|f| surface.is_head(f.wedges[0]))
+        {
+            let corners = face
+                .points
+                .map(|p| self.project(surface.posed_of(p), surface));
+            raster(corners, true, all, |span| {
+                let depths = corners.map(|c| c[2]);
+                for i in 0..span.len {
+                    let depth: f32 = (0..3)
+                        .map(|k| depths[k] * (span.at[k] + span.step[k] * i as f32))
+                        .sum();
+                    let at = span.first + i;
+                    out[at] |= depth >= self.full[at].depth - 1e-4;
+                }
+            });
+        }
+        out
+    }
+
     /// Area of what is wrong in a part of the picture: squared contrast times pixels.
     fn wrong(&self, pixels: &[Pixel], area: Rectangle) -> f64 {
         let mut sum = 0.0f32;
         for y in area.low[1]..area.high[1] {
             let row = y * SIZE + area.low[0]..y * SIZE + area.high[0];
-            for (is, should) in pixels[row.clone()].iter().zip(&self.full[row]) {
-                sum += match (is.depth > NOTHING, should.depth > NOTHING) {
-                    (true, true) => (is.color - should.color).length_squared(),
-                    (false, false) => 0.0,
-                    _ => OUTLINE,
-                };
+            let counts = &self.counts[row.clone()];
+            let pixels = pixels[row.clone()].iter().zip(&self.full[row]);
+            for ((is, should), count) in pixels.zip(counts) {
+                sum += count
+                    * match (is.depth > NOTHING, should.depth > NOTHING) {
+                        (true, true) => (is.color - should.color).length_squared(),
+                        (false, false) => 0.0,
+                        _ => OUTLINE,
+                    };
             }
         }
         sum as f64 / (SIZE * SIZE) as f64

@@ -2,7 +2,8 @@
 
 use glam::{Affine3A, Vec3};
 
-use crate::character::Character;
+use crate::character::{Character, Joint};
+use crate::impostor::groups::names_head;
 use crate::mesh::Mesh;
 use crate::pose;
 
@@ -27,10 +28,14 @@ pub struct Pose {
 }
 
 /// Representative poses of a character; never empty.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct PoseSet {
     /// The poses, the most typical first.
     pub poses: Vec<Pose>,
+    /// The palette at rest, which few look at but editors show first; empty where it is unknown or one of the poses.
+    pub rest: Vec<Affine3A>,
+    /// Per palette joint: it moves a head, which people look at. Joints beyond the end do not.
+    pub heads: Vec<bool>,
 }
 
 impl PoseSet {
@@ -58,16 +63,23 @@ impl PoseSet {
                 }
             }
         }
-        if candidates.is_empty() {
+        let has_clips = !candidates.is_empty();
+        if !has_clips {
             candidates.push(Pose {
                 palette: pose::palette(character, None, 0.0),
                 weight: 1.0,
             });
         }
-        Self::among(candidates, mesh, count)
+        let rest = pose::palette(character, None, 0.0);
+        let known = has_clips && rest.iter().all(|m| m.is_finite());
+        Self {
+            rest: if known { rest } else { Vec::new() },
+            heads: heads(character),
+            ..Self::among(candidates, mesh, count)
+        }
     }
 
-    /// At most `count` poses out of `candidates`, which must not be empty.
+    /// At most `count` poses out of `candidates`, which must not be empty; nothing about rest and heads.
     pub fn among(candidates: Vec<Pose>, mesh: &Mesh, count: usize) -> Self {
         let described: Vec<Vec<f32>> = candidates
             .iter()
@@ -115,8 +127,30 @@ impl PoseSet {
                 weight,
             })
             .collect();
-        Self { poses }
+        Self {
+            poses,
+            ..Self::default()
+        }
     }
+}
+
+/// Which joints move a head: those whose names say so, and what hangs in them.
+fn heads(character: &Character) -> Vec<bool> {
+    let of = |joint: &Joint| {
+        let mut node = Some(joint.node);
+        // A valid skeleton has no circle; nobody has to rely on it.
+        for _ in 0..character.nodes.len() {
+            let Some(n) = node.and_then(|n| character.nodes.get(n as usize)) else {
+                break;
+            };
+            if names_head(&n.name) {
+                return true;
+            }
+            node = n.parent;
+        }
+        false
+    };
+    character.joints.iter().map(of).collect()
 }
 
 /// Distances between fixed pairs of posed vertices: two poses that differ by a rigid motion have the same.

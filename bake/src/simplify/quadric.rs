@@ -1,5 +1,6 @@
 //! Plane quadrics of every point in every pose (Garland & Heckbert 1997, summed over poses as Mohr & Gleicher 2003 do).
 
+use super::lanes::LANES;
 use super::surface::{Surface, cross, dot, length, sub};
 
 /// Coefficients of a symmetric 4x4 matrix.
@@ -18,11 +19,14 @@ pub(super) struct Quadrics {
 impl Quadrics {
     /// Every face's plane goes to its corners, a third each; an edge with one face adds a plane across it.
     pub fn new(surface: &Surface) -> Self {
-        let n = surface.pose_count;
+        let n = surface.group_count * LANES;
         let points = surface.faces_of.len();
         let mut quadrics = Self {
             pose_count: n,
-            pose_weights: surface.pose_weights.iter().map(|&w| w as f64).collect(),
+            pose_weights: surface.pose_weights[..n]
+                .iter()
+                .map(|&w| w as f64)
+                .collect(),
             values: vec![0.0; points * COEFFICIENTS * n],
         };
         for face in &surface.faces {

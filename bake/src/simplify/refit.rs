@@ -10,6 +10,7 @@ use crate::mesh::Mesh;
 
 use super::Simplifier;
 use super::coarse::MOVES;
+use super::lanes::LANES;
 use super::samples::WedgeFit;
 use super::surface::{Surface, cross, dot, length, sub};
 
@@ -103,6 +104,7 @@ impl Simplifier<'_> {
         wedges: &[u32],
         offset: Vec3,
     ) -> Vec<(u32, u32)> {
+        let distinct = self.pictured();
         let s = &mut self.surface;
         let faces = &s.faces_of[point as usize];
         let used = |w: u32| {
@@ -112,7 +114,7 @@ impl Simplifier<'_> {
         let fits: Vec<_> = (wedges.iter().filter(|&&w| used(w)))
             .map(|&w| {
                 let (m, i) = (&s.mesh, w as usize);
-                let fit = self.samples.better_look(s, point, w);
+                let fit = self.samples.better_look(s, point, w, distinct);
                 let mut fit = fit.unwrap_or(WedgeFit {
                     color: m.colors[i],
                     normal: m.normals[i],
@@ -158,7 +160,7 @@ fn turns_faces(surface: &Surface, point: u32, before: &[f32]) -> bool {
     let n = surface.pose_count;
     surface.faces_of[point as usize].iter().any(|&f| {
         let points = surface.faces[f as usize].points;
-        (0..n).any(|k| {
+        (0..n.min(surface.group_count * LANES)).any(|k| {
             let old = points.map(|p| {
                 if p == point {
                     [before[k], before[n + k], before[2 * n + k]]

@@ -10,7 +10,7 @@ mod refit;
 pub(super) use refit::WedgeFit;
 
 use super::attributes::{WedgeMove, moved};
-use super::lanes::{LANES, TriangleLanes, Vec3Lanes, read};
+use super::lanes::{TriangleLanes, Vec3Lanes, read};
 use super::looks::{Look, Looks};
 use super::surface::{Surface, cross, dot, length, sub};
 use super::visibility::visibility;
@@ -255,7 +255,7 @@ impl Samples {
         let trial = &mut self.trial;
         trial.sums.clear();
         trial.sums.resize(trial.samples.len(), 0.0);
-        for group in 0..n / LANES {
+        for group in 0..surface.group_count {
             let [a, b, c] = points.map(|p| Vec3Lanes::read(surface.posed_of(p), n, group));
             let triangle = TriangleLanes::new(a, b, c);
             let weights = read(&surface.pose_weights, group);

@@ -2,13 +2,13 @@
 
 use std::collections::HashMap;
 
-use glam::{Mat3, Vec3};
+use glam::{Affine3A, Mat3, Vec3};
 
 use crate::mesh::{CollapseSequence, Mesh};
 use crate::pose;
 
 use super::lanes::LANES;
-use super::poses::{Pose, PoseSet};
+use super::poses::PoseSet;
 
 /// A triangle: its wedges and, the same corners, their points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,12 +34,19 @@ impl Face {
 pub(super) struct Surface<'a> {
     /// The full mesh, and behind its vertices those that refits have made.
     pub mesh: Mesh,
-    poses: &'a [Pose],
+    /// Of the poses, and behind them the one at rest where it is known.
+    palettes: Vec<&'a [Affine3A]>,
+    /// The pose at rest where it is none of the weighted ones.
+    pub rest: Option<usize>,
+    /// Groups of [`LANES`] poses that have a weight.
+    pub group_count: usize,
+    /// Per palette joint, see [`PoseSet::heads`].
+    heads: &'a [bool],
     /// Box of the full mesh in each pose: low and high corner.
     pub boxes: Vec<[[f32; 3]; 2]>,
     /// Length in this surface's unit of one in the poses.
     scale: f32,
-    /// Poses, a multiple of [`LANES`]; the last ones may be there to fill up, with a weight of 0.
+    /// Poses, a multiple of [`LANES`]; the last ones may be the one at rest and some to fill up, with a weight of 0.
     pub pose_count: usize,
     /// Sums to 1 over `[pose_count]`.
     pub pose_weights: Vec<f32>,
@@ -62,7 +69,10 @@ pub(super) struct Surface<'a> {
 impl<'a> Surface<'a> {
     pub fn new(mesh: &Mesh, poses: &'a PoseSet) -> Self {
         let (point_of_wedge, wedges_of) = points(mesh);
-        let pose_count = poses.poses.len().next_multiple_of(LANES);
+        let mut palettes: Vec<&[Affine3A]> = poses.poses.iter().map(|p| &p.palette[..]).collect();
+        let rest = (!poses.rest.is_empty()).then_some(palettes.len());
+        palettes.extend(rest.map(|_| &poses.rest[..]));
+        let pose_count = palettes.len().next_multiple_of(LANES);
         let mut pose_weights: Vec<f32> = poses.poses.iter().map(|p| p.weight).collect();
         pose_weights.resize(pose_count, 0.0);
 
@@ -72,7 +82,7 @@ impl<'a> Surface<'a> {
             let joints = mesh.joints[w].map(u16::from);
             let out = &mut posed[point * 3 * pose_count..][..3 * pose_count];
             for k in 0..pose_count {
-                let palette = &poses.poses[k.min(poses.poses.len() - 1)].palette;
+                let palette = palettes[k.min(palettes.len() - 1)];
                 let p = pose::skin(palette, joints, mesh.weights[w], mesh.positions[w]);
                 (out[k], out[pose_count + k], out[2 * pose_count + k]) = (p.x, p.y, p.z);
             }
@@ -94,7 +104,10 @@ impl<'a> Surface<'a> {
         }
         let mut surface = Self {
             mesh: mesh.clone(),
-            poses: &poses.poses,
+            palettes,
+            rest,
+            group_count: poses.poses.len().div_ceil(LANES),
+            heads: &poses.heads,
             boxes: Vec::new(),
             scale: 1.0,
             pose_count,
@@ -168,6 +181,14 @@ impl<'a> Surface<'a> {
         };
     }
 
+    /// Whether `wedge` is of a head.
+    pub fn is_head(&self, wedge: u32) -> bool {
+        let w = wedge as usize;
+        let influences = self.mesh.joints[w].into_iter().zip(self.mesh.weights[w]);
+        let heads = influences.filter(|i| self.heads.get(i.0 as usize) == Some(&true));
+        heads.map(|i| i.1).sum::<f32>() > 0.5
+    }
+
     /// Where `point` is in every pose: x, y and z, `[pose_count]` each.
     pub fn at(&self, point: u32) -> [&[f32]; 3] {
         let n = self.pose_count;
@@ -191,7 +212,7 @@ impl<'a> Surface<'a> {
     /// The same in pose `k` for the point of `wedge`.
     pub fn step_of(&self, wedge: u32, k: usize) -> Mat3 {
         let (m, w) = (&self.mesh, wedge as usize);
-        let palette = &self.poses[k.min(self.poses.len() - 1)].palette;
+        let palette = self.palettes[k.min(self.palettes.len() - 1)];
         let of = |i: usize| {
             let joint = &palette[m.joints[w][i] as usize];
             Mat3::from(joint.matrix3) * (m.weights[w][i] * self.scale)
@@ -200,7 +221,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Puts `point` `offset` away, in bind space, from `start` (`[3][pose_count]`); `steps` as [`Surface::steps_of`] has
-    /// them. Whether it is within the box of the full mesh in every pose.
+    /// them. Whether it is within the box of the full mesh in every pose that has a weight.
     pub fn place(&mut self, point: u32, start: &[f32], steps: &[Mat3], offset: Vec3) -> bool {
         let n = self.pose_count;
         let mut inside = true;
@@ -209,7 +230,7 @@ impl<'a> Surface<'a> {
             let shift = *step * offset;
             for axis in 0..3 {
                 let x = start[axis * n + k] + shift[axis];
-                inside &= x >= low[axis] && x <= high[axis];
+                inside &= self.pose_weights[k] <= 0.0 || x >= low[axis] && x <= high[axis];
                 out[axis * n + k] = x;
             }
         }
@@ -237,6 +258,24 @@ impl<'a> Surface<'a> {
         m.submesh.push(m.submesh[i]);
         self.point_of_wedge.push(self.point_of_wedge[i]);
         self.point_of_wedge.len() as u32 - 1
+    }
+
+    /// A new vertex at `target` that looks like `wedge`, which is of another point.
+    pub fn carry_wedge(&mut self, wedge: u32, target: u32) -> u32 {
+        let new = self.add_wedge(wedge);
+        // Wedges without a face may be where the point was before a refit.
+        let faces = self.faces_of[target as usize].iter();
+        let there = faces
+            .map(|&f| self.faces[f as usize].wedge_at(target))
+            .min();
+        let there = there.unwrap_or(self.wedges_of[target as usize][0]) as usize;
+        let (m, i) = (&mut self.mesh, new as usize);
+        m.positions[i] = m.positions[there];
+        m.joints[i] = m.joints[there];
+        m.weights[i] = m.weights[there];
+        self.point_of_wedge[i] = target;
+        self.wedges_of[target as usize].push(new);
+        new
     }
 
     /// Takes the vertices from `count` on away again; no face may use them.

@@ -51,7 +51,11 @@ impl Simplifier<'_> {
             let s = &self.surface;
             for &wedge in &s.wedges_of[point as usize] {
                 if s.mesh.layers[wedge as usize] != Mesh::UNTEXTURED {
-                    fits.push((point, wedge, self.samples.better_look(s, point, wedge)));
+                    fits.push((
+                        point,
+                        wedge,
+                        self.samples.better_look(s, point, wedge, false),
+                    ));
                 }
             }
         }

@@ -9,6 +9,9 @@ use super::{Nearest, OVERHANG_WEIGHT, Samples, TrialFace, nearest_barycentric};
 /// Share of a fit's trace that holds a point where its samples say nothing.
 const DAMPING: f32 = 0.02;
 
+/// Colours nearer than this are alike where looks stay distinct; black and white are 1.7 apart.
+const ALIKE: f32 = 0.3;
+
 /// What a wedge should look like.
 #[derive(Debug, Clone, Copy)]
 pub struct WedgeFit {
@@ -103,8 +106,15 @@ impl Samples {
     /// What wedge `wedge` of `point` should look like; none where it has no visible samples.
     ///
     /// The colour and body part that the most of it shows, unmixed, because an agent's tint may dye neighbouring parts apart.
+    /// Where looks are to stay `distinct`, colours of one part that are far apart do not mix either.
     /// The normal that makes the interpolated ones fit best.
-    pub fn better_look(&self, surface: &Surface, point: u32, wedge: u32) -> Option<WedgeFit> {
+    pub fn better_look(
+        &self,
+        surface: &Surface,
+        point: u32,
+        wedge: u32,
+        distinct: bool,
+    ) -> Option<WedgeFit> {
         let n = self.pose_count;
         let mesh = &surface.mesh;
         let (mut normal, mut square) = (Vec3::ZERO, 0.0f32);
@@ -131,7 +141,10 @@ impl Samples {
                 normal += weight * (look.normal - now.normal);
                 square += weight * b[corner];
                 let part = self.part[sample];
-                match parts.iter_mut().find(|p| p.0 == part) {
+                let alike = |p: &&mut (u8, f32, Vec4)| {
+                    p.0 == part && (!distinct || (p.2 / p.1).distance(look.color) < ALIKE)
+                };
+                match parts.iter_mut().find(alike) {
                     Some((_, sum, color)) => {
                         *sum += weight;
                         *color += weight * look.color;
