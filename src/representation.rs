@@ -133,15 +133,17 @@ impl Representations {
         }
     }
 
-    /// Nanoseconds of the mesh at a projected height, at its error bound.
-    pub fn mesh_cost(&self, costs: &CostModel, height_px: f32, pixel_error: f32) -> f32 {
+    /// Triangles of the mesh at a projected height, at its error bound; none where that is larger than the character.
+    fn mesh_triangles(&self, height_px: f32, pixel_error: f32) -> f32 {
         let error = pixel_error * self.height / height_px;
         let level = self.levels.partition_point(|&(e, _)| e <= error);
-        let triangles = self
-            .levels
-            .get(level.saturating_sub(1))
-            .map_or(0.0, |l| l.1);
-        costs.mesh + costs.triangle * triangles
+        let level = self.levels.get(level.saturating_sub(1));
+        level.map_or(0.0, |l| l.1)
+    }
+
+    /// Nanoseconds of the mesh at a projected height, at its error bound.
+    pub fn mesh_cost(&self, costs: &CostModel, height_px: f32, pixel_error: f32) -> f32 {
+        costs.mesh + costs.triangle * self.mesh_triangles(height_px, pixel_error)
     }
 
     /// The ranges of projected size for a method: from near to far, filled up with copies of the last.
@@ -171,11 +173,21 @@ impl Representations {
         for step in 0..=STEPS {
             // From near to far.
             let height_px = HEIGHT_MAX_PX * (-(step as f32) / STEPS_PER_OCTAVE).exp2();
+            // A mesh of no triangles is cheap, but a crowd must not end where its agents grow that small.
+            let vanishes = self.mesh_triangles(height_px, pixel_error) == 0.0;
             let mut best = (self.mesh_cost(costs, height_px, pixel_error), BIN_NONE);
             for kind in &self.kinds {
                 let cost = kind.cost(costs, height_px);
-                if cost < best.0 && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
+                let better = cost < best.0 || (vanishes && best.1 == BIN_NONE);
+                if better && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
                     best = (cost, kind.bin);
+                }
+            }
+            if vanishes && best.1 != BIN_NONE && ranges.len() == MAX_RANGES as usize {
+                // No range is left for these: what was drawn before the small meshes goes on to the end.
+                ranges.pop_if(|last| last.bin == BIN_NONE);
+                if let Some(last) = ranges.last_mut() {
+                    last.units_end = f32::INFINITY;
                 }
             }
             match ranges.last() {
@@ -232,5 +244,60 @@ impl ImpostorKind {
         let (a, b) = (self.errors[after - 1], self.errors[after]);
         let t = (height_px - a.height_px) / (b.height_px - a.height_px);
         Some(a.error_px + t * (b.error_px - a.error_px))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(kind: Kind, bin: u32, quads: usize, error_at_60: f32) -> ImpostorKind {
+        let sample = |height_px, error_px| ErrorSample {
+            height_px,
+            error_px,
+        };
+        ImpostorKind {
+            kind,
+            bin,
+            first_quad_texel: 0,
+            first_quad: 0,
+            sizes: vec![[0.4, 1.0 / quads as f32]; quads],
+            errors: vec![
+                sample(6.0, 0.0),
+                sample(30.0, 0.0),
+                sample(60.0, error_at_60),
+            ],
+        }
+    }
+
+    /// What is drawn at a height: the bin of the first range that reaches so far.
+    fn drawn(who: &Representations, height_px: f32) -> u32 {
+        let ranges = who.ranges(Method::Hybrid, 1.0, &CostModel::CPU);
+        let units = who.height / height_px;
+        let range = ranges.iter().find(|r| units < r.units_end);
+        range.expect("the last range has no end").bin
+    }
+
+    #[test]
+    fn nobody_vanishes_however_far() {
+        const FLAT_BIN: u32 = 9;
+        let mut who = Representations {
+            height: 1.7,
+            levels: vec![(0.0, 5000.0), (0.05, 600.0), (0.2, 8.0), (1.0, 0.0)],
+            kinds: vec![kind(Kind::Quad, QUAD_BIN, 1, 4.0)],
+        };
+        assert_eq!(drawn(&who, 200.0), BIN_NONE);
+        assert_eq!(drawn(&who, 20.0), QUAD_BIN);
+        assert_eq!(drawn(&who, 6.0), BIN_NONE, "eight triangles are cheaper");
+        assert_eq!(drawn(&who, 1.0), QUAD_BIN, "none would be cheaper still");
+        // Five ranges are one too many: the small meshes give theirs up.
+        who.kinds.push(kind(Kind::Flat, FLAT_BIN, 10, 1.2));
+        assert_eq!(drawn(&who, 45.0), FLAT_BIN);
+        for height_px in [20.0, 6.0, 1.0] {
+            assert_eq!(drawn(&who, height_px), QUAD_BIN, "{height_px} px");
+        }
+        // Without impostors the mesh is all there is.
+        who.kinds.clear();
+        assert_eq!(drawn(&who, 1.0), BIN_NONE);
     }
 }
