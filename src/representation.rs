@@ -173,13 +173,16 @@ impl Representations {
         for step in 0..=STEPS {
             // From near to far.
             let height_px = HEIGHT_MAX_PX * (-(step as f32) / STEPS_PER_OCTAVE).exp2();
-            // A mesh of no triangles is cheap, but a crowd must not end where its agents grow that small.
+            // A mesh of no triangles is cheap, but a crowd must not end where its agents grow that small: anything is better.
             let vanishes = self.mesh_triangles(height_px, pixel_error) == 0.0;
-            let mut best = (self.mesh_cost(costs, height_px, pixel_error), BIN_NONE);
+            let mesh_cost = match vanishes {
+                true => f32::INFINITY,
+                false => self.mesh_cost(costs, height_px, pixel_error),
+            };
+            let mut best = (mesh_cost, BIN_NONE);
             for kind in &self.kinds {
                 let cost = kind.cost(costs, height_px);
-                let better = cost < best.0 || (vanishes && best.1 == BIN_NONE);
-                if better && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
+                if cost < best.0 && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
                     best = (cost, kind.bin);
                 }
             }
