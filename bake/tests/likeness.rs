@@ -3,16 +3,20 @@
 //! `cargo test --release -p throng-bake --test likeness -- --ignored --nocapture` prints figures of all characters; `LOOK=robot,dog`
 //! takes some, `SHEET=folder` writes what was compared, full mesh and level side by side, enlarged, `TRIANGLES=80` asks for another level.
 
+mod common;
+
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glam::{Affine3A, Vec2, Vec3};
 use throng_bake::character::{Character, Image};
-use throng_bake::merge::{merge, used_images};
+use throng_bake::merge::merge;
 use throng_bake::mesh::Mesh;
 use throng_bake::pose;
 use throng_bake::simplify::{PoseSet, simplify, triangles_at};
+
+use common::{model, textures};
 
 /// Height of the character at rest, pixels.
 const HEIGHT_PX: f32 = 32.0;
@@ -82,21 +86,7 @@ fn load(name: &str) -> Option<Character> {
     if throng_bake::people::names().contains(&name) {
         return Some(throng_bake::people::build(name).expect("built in"));
     }
-    let models = std::env::var_os("THRONG_MODELS").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models"),
-        PathBuf::from,
-    );
-    let path = models.join(name);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(throng_bake::import::import(&path).expect("import"))
-}
-
-fn textures(c: &Character) -> Vec<&Image> {
-    let used = used_images(c).into_iter();
-    used.map(|i| &c.images[i as usize]).collect()
+    model(name)
 }
 
 /// The finest level with at most `count` triangles, faces that are the same triangle counted once.

@@ -1,5 +1,7 @@
 //! Merging and simplification on meshes made by hand: what must hold for any character.
 
+mod common;
+
 use std::collections::{HashMap, HashSet};
 
 use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
@@ -8,6 +10,8 @@ use throng_bake::error::BakeError;
 use throng_bake::merge::{merge, used_images};
 use throng_bake::mesh::{CollapseSequence, Mesh};
 use throng_bake::simplify::{Pose, PoseSet, simplify, triangles_at};
+
+use common::{model, textures};
 
 /// A character of one part per `(material, triangles soup)` with `joint_count` joints and no clips.
 fn character(parts: Vec<Part>, materials: Vec<Material>, joint_count: usize) -> Character {
@@ -509,26 +513,6 @@ fn repeats_of_a_texture_move_home() {
             "{uv}"
         );
     }
-}
-
-/// A real character, or none where the models are not there.
-fn model(name: &str) -> Option<Character> {
-    let models = std::env::var_os("THRONG_MODELS").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models"),
-        std::path::PathBuf::from,
-    );
-    let path = models.join(name);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(throng_bake::import::import(&path).expect("import"))
-}
-
-/// The images that a character's mesh has as layers.
-fn textures(c: &Character) -> Vec<&Image> {
-    let used = used_images(c).into_iter();
-    used.map(|i| &c.images[i as usize]).collect()
 }
 
 #[test]

@@ -4,8 +4,9 @@
 use glam::{Mat4, Quat, Vec2, Vec3};
 use throng_bake::baked::{Baked, BodyPart, Tint};
 use throng_bake::character::{
-    Character, Clip, Interpolation, Joint, Node, Property, Track, Transform,
+    Character, Clip, Image, Interpolation, Joint, Node, Property, Track, Transform,
 };
+use throng_bake::merge::used_images;
 use throng_bake::mesh::{Collapse, CollapseSequence, Mesh, SubmeshInfo};
 use throng_bake::sliding_tris::{self, BandForm};
 use throng_bake::{palette, quantize};
@@ -174,4 +175,24 @@ pub fn baked_sheets(side: usize, form: BandForm) -> Baked {
         impostors: None,
         ..Baked::default()
     }
+}
+
+/// A real character, or none where the models are not there.
+pub fn model(name: &str) -> Option<Character> {
+    let models = std::env::var_os("THRONG_MODELS").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models"),
+        std::path::PathBuf::from,
+    );
+    let path = models.join(name);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return None;
+    }
+    Some(throng_bake::import::import(&path).expect("import"))
+}
+
+/// The images that a character's mesh has as layers.
+pub fn textures(c: &Character) -> Vec<&Image> {
+    let used = used_images(c).into_iter();
+    used.map(|i| &c.images[i as usize]).collect()
 }
