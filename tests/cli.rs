@@ -43,6 +43,12 @@ fn wrong_usage_ends_with_2_and_says_what_is_wrong() {
         refuse(&["export", "a.throng", "-o", "b.glb", "--fraction", "7"]).contains("--fraction 7")
     );
     assert!(refuse(&["bake", "a.glb", "-o", "b", "--frame-rate", "nan"]).contains("--frame-rate"));
+    // A negative number is a wrong value, not an unknown option.
+    for option in ["--agents", "--pixel-error", "--runs", "--frame"] {
+        let message = refuse(&["render", "-o", "a.png", option, "-5"]);
+        assert!(!message.contains("unexpected"), "{message}");
+        assert!(message.contains(option), "{message}");
+    }
 }
 
 #[test]
@@ -60,6 +66,57 @@ fn missing_files_are_named() {
     }
 }
 
+/// What is read stays, whatever the output is called; and nothing is baked for an output that cannot be.
+#[test]
+fn an_output_never_takes_the_place_of_an_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "tetra", 3);
+    let before = std::fs::read(&source).unwrap();
+    let name = source.to_str().unwrap();
+    let plain = folder.path().join("tetra");
+    std::fs::copy(&source, &plain).unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let baked = path("baked");
+    succeed(&["bake", name, "--impostors", "none", "-o", &baked]);
+    let copy = path("x/../baked");
+    std::fs::create_dir(folder.path().join("x")).unwrap();
+    for (arguments, reason) in [
+        (&["bake", name, "-o", name][..], "no .gltf file"),
+        (&["bake", name, "-o", &baked, "--report", name], "no .gltf"),
+        (&["export", name, "--error", "0", "-o", name], "no .gltf"),
+        (&["export", &baked, "--error", "0", "-o", &copy], "is read"),
+        (&["render", "-c", &baked, "-o", &baked], "is read"),
+        (&["render", "-c", name, "-o", "a.jpg"], "name it .png"),
+        (&["render", "-c", name, "-o", "a", "--report", "a"], "both"),
+        (&["render", "-c", name, "-o", &path("x")], "is a folder"),
+        (
+            &["bake", name, "no.glb", "-o", &path("x")],
+            "no.glb: cannot",
+        ),
+    ] {
+        let message = refuse(arguments);
+        assert!(message.contains(reason), "{arguments:?}: {message}");
+    }
+    assert_eq!(std::fs::read(&source).unwrap(), before);
+    assert_eq!(
+        std::fs::read_dir(folder.path().join("x")).unwrap().count(),
+        0
+    );
+}
+
+/// A level without triangles is no glTF that anybody could read.
+#[test]
+fn an_export_has_triangles_and_no_error_below_zero() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = tetrahedron(folder.path(), "tetra", 3);
+    let (source, out) = (source.to_str().unwrap(), folder.path().join("a.glb"));
+    let out = out.to_str().unwrap();
+    let message = refuse(&["export", source, "--triangles", "0", "-o", out]);
+    assert!(message.contains("no triangles are left"), "{message}");
+    let said = succeed(&["export", source, "--triangles", "99", "-o", out]);
+    assert!(said.contains("4 triangles, error 0.00000 m"), "{said}");
+}
+
 #[test]
 fn malformed_files_leave_no_output() {
     let folder = tempfile::tempdir().unwrap();
@@ -75,6 +132,12 @@ fn malformed_files_leave_no_output() {
     std::fs::write(&text, "THRONG\r\nbut no more").unwrap();
     let message = refuse(&["inspect", text.to_str().unwrap()]);
     assert!(message.contains("text.throng: "), "{message}");
+    std::fs::write(&text, "THR").unwrap();
+    let message = refuse(&["inspect", text.to_str().unwrap()]);
+    assert!(
+        message.contains("text.throng: header: ") && message.contains("cut off"),
+        "{message}"
+    );
     assert!(!out.exists());
 }
 
@@ -277,6 +340,49 @@ fn a_character_alone_is_framed() {
     }
 }
 
+/// Files in centimetres and in kilometres stand beside each other as large as one in metres, and people the plaza as such;
+/// a scene that says a scale is obeyed.
+#[test]
+fn characters_of_other_units_are_drawn_in_metres() {
+    let (folder, scene) = scene_of_tetrahedra();
+    let metres = folder.path().join("tetra.gltf");
+    let picture = folder.path().join("a.png");
+    let out = picture.to_str().unwrap();
+    let scaled = |name: &str, factor: f32| {
+        let text = std::fs::read_to_string(&metres).unwrap();
+        let mut text = json(&text);
+        text["nodes"][0]["scale"] = serde_json::json!([factor, factor, factor]);
+        let path = folder.path().join(name);
+        std::fs::write(&path, text.to_string()).unwrap();
+        path.to_str().unwrap().to_string()
+    };
+    let (centimetres, kilometres) = (scaled("cm.gltf", 100.0), scaled("km.gltf", 0.001));
+    let draw = |source: &str, more: &[&str]| {
+        let fixed = ["render", "-c", source, "--size", "64x64", "-o", out];
+        let drawn = throng(&[&fixed[..], more].concat());
+        assert_eq!(drawn.status.code(), Some(0), "{}", stderr(&drawn));
+        (pixels(&picture), stderr(&drawn))
+    };
+    for more in [&[][..], &["--agents", "300"]] {
+        let (expected, said) = draw(metres.to_str().unwrap(), more);
+        assert_eq!(said.matches("as large").count(), 0, "{said}");
+        for (source, factor) in [
+            (&centimetres, "drawn 0.01 times"),
+            (&kilometres, "drawn 1000"),
+        ] {
+            let (drawn, said) = draw(source, more);
+            assert_eq!(said.matches(factor).count(), 1, "{said}");
+            let differ = drawn.pixels().zip(expected.pixels());
+            let differ = differ.filter(|(a, b)| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > 8));
+            assert!(differ.count() < 64 * 64 / 100, "{source}");
+        }
+    }
+    let text = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(&scene, text.replace("tetra.gltf", "cm.gltf")).unwrap();
+    let drawn = throng(&["render", &scene, "--size", "64x64", "-o", out]);
+    assert_eq!(stderr(&drawn), "");
+}
+
 #[test]
 fn frames_are_numbered() {
     let (folder, scene) = scene_of_tetrahedra();
@@ -317,7 +423,27 @@ fn what_cannot_be_drawn_is_refused_by_name() {
     assert!(draw(&[&scene, "--frame", "1", "--time", "2"]).contains("--time"));
     assert!(draw(&["-c", "no/such.glb"]).contains("no/such.glb: cannot be read"));
     assert!(draw(&["-c", "builtin:nobody"]).contains("nobody"));
+    assert!(
+        draw(&[&scene, "--clip", "dance"]).contains("--clip dance: there is none; tetra has rest")
+    );
+    assert!(draw(&[&scene, "--agents", "10000001"]).contains("the most is 10000000"));
     let text = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(
+        &scene,
+        text.replace("height = 1.5", "").replace("source", "#"),
+    )
+    .unwrap();
+    assert!(draw(&[&scene]).contains("missing field `source`"));
+    std::fs::write(&scene, &text[text.find("[[crowd]]").unwrap()..]).unwrap();
+    assert!(draw(&[&scene]).contains("the scene has no [[character]]"));
+    std::fs::write(&scene, text.replace("\"far\"", "\"near\"")).unwrap();
+    assert!(draw(&[&scene]).contains("scene.toml: camera 2 'near': another camera"));
+    let two = text.replace(
+        "[[crowd]]",
+        "[[character]]\nsource = \"b/tetra.glb\"\n[[crowd]]\ncharacters = [\"tetra\"]",
+    );
+    std::fs::write(&scene, two).unwrap();
+    assert!(draw(&[&scene]).contains("crowd 1: 2 characters are called 'tetra'"));
     std::fs::write(&scene, text.replace("count", "cuont")).unwrap();
     let message = draw(&[&scene]);
     assert!(

@@ -157,7 +157,8 @@ pub fn write(path: &Path, baked: &Baked) -> Result<(), FileError> {
     write_whole(path, &to_bytes(baked))
 }
 
-/// Writes `bytes` to `path` whole or not at all.
+/// Writes `bytes` to `path` whole or not at all. What a link leads to is replaced, not the link; a device or a pipe, such
+/// as `/dev/stdout`, is written to as it is.
 ///
 /// Errors: [`FileError::Io`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
@@ -168,15 +169,22 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
             source,
         }
     };
+    let is_stream = std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
+    if is_stream {
+        let opened = std::fs::OpenOptions::new().write(true).open(path);
+        let written = opened.and_then(|mut f| f.write_all(bytes));
+        return written.map_err(io("cannot be written"));
+    }
+    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
+    name.push(target.file_name().unwrap_or_default());
     name.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(name);
+    let part = target.with_file_name(name);
     let written = std::fs::File::create(&part)
         .and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
     let result = written
         .map_err(io("cannot be written"))
-        .and_then(|()| std::fs::rename(&part, path).map_err(io("cannot be put in place")));
+        .and_then(|()| std::fs::rename(&part, &target).map_err(io("cannot be put in place")));
     if result.is_err() {
         // Already failing: the first error is the one to tell.
         let _ = std::fs::remove_file(&part);

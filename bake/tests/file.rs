@@ -43,6 +43,27 @@ fn what_is_written_comes_back_and_the_same_character_gives_the_same_bytes() {
     );
 }
 
+/// What a link leads to is replaced; a device stays one.
+#[cfg(unix)]
+#[test]
+fn links_and_devices_stay_what_they_are() {
+    use std::os::unix::fs::{FileTypeExt, symlink};
+    let folder = tempfile::tempdir().unwrap();
+    let (file, link) = (folder.path().join("a.json"), folder.path().join("link"));
+    std::fs::write(&file, "old").unwrap();
+    symlink(&file, &link).unwrap();
+    file::write_whole(&link, b"new").unwrap();
+    assert!(link.is_symlink());
+    assert_eq!(std::fs::read(&file).unwrap(), b"new");
+    let device = Path::new("/dev/full");
+    if std::fs::metadata(device).is_ok_and(|m| m.file_type().is_char_device()) {
+        let error = file::write_whole(device, b"x").unwrap_err().to_string();
+        assert!(error.contains("/dev/full: cannot be written"), "{error}");
+        let kind = std::fs::metadata(device).unwrap().file_type();
+        assert!(kind.is_char_device());
+    }
+}
+
 #[test]
 fn a_folder_that_does_not_exist_is_named_and_nothing_is_left() {
     let folder = tempfile::tempdir().unwrap();

@@ -11,7 +11,7 @@ use throng_bake::file;
 
 use super::impostors;
 use super::inspect::Contents;
-use super::output::{Progress, create_folder, grouped, say, write_json};
+use super::output::{Progress, check_output, create_folder, grouped, say, write_json};
 use super::source;
 
 /// Bake character files: levels of detail, animation, one .throng file each
@@ -106,6 +106,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let options = arguments.options.to_bake_options()?;
     let plan = arguments.impostors.to_plan(arguments.device.as_deref())?;
     let outputs = outputs(&arguments.input, &arguments.output)?;
+    let inputs = arguments.input.iter().map(String::as_str);
+    for output in &outputs {
+        check_output(output, "throng", inputs.clone())?;
+    }
+    if let Some(path) = &arguments.report {
+        check_output(path, "json", inputs.clone())?;
+    }
+    for input in inputs {
+        source::check_exists(input)?;
+    }
     let progress = Progress::default();
     let mut reports = Vec::new();
     for (input, output) in arguments.input.iter().zip(&outputs) {

@@ -7,7 +7,7 @@ use anyhow::Result;
 use super::cache;
 use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Studio};
-use super::output::{Progress, say, write_json};
+use super::output::{Progress, check_output, say, write_json};
 use super::render::{Size, save};
 use super::shot::{Request, Shot, Switch};
 use super::source::Recipe;
@@ -47,6 +47,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    check_output(&arguments.output, "png", [])?;
     let progress = Progress::default();
     let request = Request {
         scene: Some("plaza"),

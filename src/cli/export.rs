@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow, bail};
 use throng_bake::{export, glb};
 
 use super::cache;
-use super::output::{Progress, grouped, say, write_file};
+use super::output::{Progress, check_output, grouped, say, write_file};
 use super::source;
 
 /// Write one level of detail as a skinned, animated glTF file
@@ -66,6 +66,7 @@ impl LevelArguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let level = arguments.level.to_level()?;
+    check_output(&arguments.output, "glb", [arguments.file.as_str()])?;
     let progress = Progress::default();
     let recipe = source::Recipe {
         cache: arguments.cache.open(),
@@ -73,6 +74,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let baked = source::baked(&arguments.file, &recipe, &progress)?;
     let exported = export::export(&baked, level);
+    if exported.triangle_count == 0 {
+        bail!(
+            "{}: no triangles are left of it at that level",
+            arguments.file
+        );
+    }
     let bytes = glb::write_glb(&exported.character)
         .map_err(|e| anyhow!("{}: cannot be written as glTF: {e}", arguments.file))?;
     write_file(&arguments.output, &bytes)?;
@@ -80,7 +87,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "{}: {} triangles, error {:.5} m\n",
         arguments.output.display(),
         grouped(exported.triangle_count as u64),
-        exported.error
+        // The full mesh's is below every collapse error.
+        exported.error.max(0.0)
     ))?;
     Ok(())
 }

@@ -31,7 +31,12 @@ pub enum KindName {
 #[command(next_help_heading = "Impostors, the pictures that far agents are drawn as")]
 pub struct Options {
     /// Kinds to capture; needs Vulkan, and is left out where there is none
-    #[arg(long, value_name = "KIND,...", value_delimiter = ',', default_values = ["flat", "quad"])]
+    #[arg(
+        long,
+        value_name = "KIND,...",
+        value_delimiter = ',',
+        default_value = "flat,quad"
+    )]
     impostors: Vec<KindName>,
     /// Texels along the character's height for flat impostors
     #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().texels_per_height)]

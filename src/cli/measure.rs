@@ -7,6 +7,7 @@ use serde::Serialize;
 use throng::gpu::{Frozen, Headless, HeadlessDesc};
 use throng::{Agent, FrameOptions, FrameReport, Method, Representation, StageTime, View};
 use throng_bake::baked::Baked;
+use throng_bake::impostor::Kind;
 
 use super::output::{grouped, median_p95};
 use super::shot::Shot;
@@ -36,6 +37,15 @@ impl MethodName {
     /// Characters that are baked for it need impostors.
     pub fn uses_impostors(self) -> bool {
         matches!(self, Self::Hybrid | Self::Flat | Self::Quad)
+    }
+
+    /// The kind of impostors that it draws everybody as.
+    pub fn impostor_kind(self) -> Option<Kind> {
+        match self {
+            Self::Flat => Some(Kind::Flat),
+            Self::Quad => Some(Kind::Quad),
+            _ => None,
+        }
     }
 
     /// As the command line and reports call it.

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 mod bake;
 mod bench;
@@ -52,10 +52,21 @@ enum Command {
     Bench(bench::Arguments),
 }
 
+/// The whole command line. A number below zero is a value of its option, refused as such, and no option of its own.
+fn command() -> clap::Command {
+    Arguments::command().mut_subcommands(|command| {
+        command.mut_args(|a| {
+            let takes_value = a.get_action().takes_values() && a.get_long().is_some();
+            a.allow_negative_numbers(takes_value)
+        })
+    })
+}
+
 /// Parses the arguments, runs the command and says what went wrong.
 pub fn main() -> ExitCode {
     // Usage errors end the program here, with status 2.
-    let arguments = Arguments::parse();
+    let matches = command().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
     let result = match &arguments.command {
         Command::Bake(a) => bake::run(a),
         Command::Inspect(a) => inspect::run(a),

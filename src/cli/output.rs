@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -136,6 +136,41 @@ pub fn write_json(path: &Path, report: &impl Serialize) -> Result<()> {
 pub fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
     create_folder(path.parent())?;
     Ok(throng_bake::file::write_whole(path, bytes)?)
+}
+
+/// Kinds of files that somebody would be surprised to find something else in.
+const KNOWN_KINDS: [&str; 17] = [
+    "bmp", "exr", "fbx", "gif", "glb", "gltf", "jpeg", "jpg", "json", "obj", "png", "svg",
+    "throng", "tif", "tiff", "toml", "webp",
+];
+
+/// Refuses, before any work is done for it, an output that is a folder, that is named as another kind of file than it will
+/// be, or that would take the place of one of the files it is made from.
+pub fn check_output<'a>(
+    path: &Path,
+    kind: &str,
+    inputs: impl IntoIterator<Item = &'a str>,
+) -> Result<()> {
+    if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') {
+        bail!("{}: it is a folder; name a file", path.display());
+    }
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    if let Some(e) = extension.filter(|e| e != kind && KNOWN_KINDS.contains(&e.as_str())) {
+        bail!(
+            "{}: what is written is no .{e} file; name it .{kind}",
+            path.display()
+        );
+    }
+    let output = path.canonicalize().ok();
+    for input in inputs {
+        if output.is_some() && Path::new(input).canonicalize().ok() == output {
+            bail!(
+                "{}: it is what is read, and would be overwritten",
+                path.display()
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Makes sure that a folder exists.

@@ -7,11 +7,13 @@ use std::str::FromStr;
 use anyhow::{Result, bail};
 use serde::Serialize;
 use throng::scene::builtin_names;
+use throng_bake::baked::Baked;
+use throng_bake::impostor::Impostors;
 
 use super::cache;
 use super::impostors::Plan;
 use super::measure::{Drawing, MethodName, Report, Studio};
-use super::output::{Progress, grouped, say, write_json};
+use super::output::{Progress, check_output, grouped, say, write_json};
 use super::picture::{average, write_png};
 use super::shot::{Request, Shot, Switch, ViewFrom};
 use super::source::Recipe;
@@ -19,8 +21,8 @@ use super::source::Recipe;
 /// Draw a scene, or a character, to PNG files
 #[derive(clap::Args)]
 #[command(
-    long_about = "Draws a scene to PNG files: a TOML file, or a built-in scene (plaza, plaza_air, lineup). --character \
-                  replaces the scene's characters by files of your own, baked or not (several take equal shares). \
+    long_about = "Draws a scene to PNG files: a TOML file, or a built-in scene (street, plaza, plaza_air, stampede, \
+                  file, scale, foxes, pedestrians, lineup). --character replaces the scene's characters by files of your own, baked or not (several take equal shares). \
                   Characters without a scene are drawn side by side, each at the start of its clip, and the camera \
                   takes them in; with --agents they people the plaza.",
     after_help = "Examples:\n  \
@@ -175,6 +177,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..Recipe::default()
     };
     let shot = Shot::new(&request, &recipe, &progress)?;
+    warn_of_missing_impostors(quality.method, &shot.characters, &progress);
     let size = arguments.size;
     let mut studio = Studio::new(&shot, device, size.0, quality.supersample)?;
     let default_runs = if arguments.report.is_some() { 10 } else { 1 };
@@ -231,13 +234,46 @@ fn check(arguments: &Arguments) -> Result<()> {
     if arguments.runs == Some(0) {
         bail!("--runs 0: at least one frame has to be drawn");
     }
-    if arguments.scene.as_deref() == Some("") {
+    let scene = arguments.scene.as_deref();
+    let read = || {
+        scene
+            .into_iter()
+            .chain(arguments.characters.iter().map(String::as_str))
+    };
+    check_output(&arguments.output, "png", read())?;
+    if let Some(report) = &arguments.report {
+        check_output(report, "json", read())?;
+        if *report == arguments.output {
+            bail!(
+                "{}: it cannot be both the picture and the report",
+                report.display()
+            );
+        }
+    }
+    if scene == Some("") {
         bail!(
             "no scene is called ''; there are {}",
             builtin_names().join(", ")
         );
     }
     Ok(())
+}
+
+/// Says who is drawn otherwise than asked for.
+fn warn_of_missing_impostors(method: MethodName, characters: &[Baked], progress: &Progress) {
+    let Some(kind) = method.impostor_kind() else {
+        return;
+    };
+    for c in characters {
+        let has = |i: &Impostors| i.kinds.iter().any(|k| k.kind == kind);
+        if !c.impostors.as_ref().is_some_and(has) {
+            progress.warn(&format!(
+                "{}: it has no {} impostors; its meshes take their place",
+                c.name,
+                method.name()
+            ));
+        }
+    }
 }
 
 /// Averages the last picture down and writes it.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use glam::{Mat3, Quat, Vec3};
-use throng::scene::{Crowd, Scene, SceneClip, SceneCrowd, SceneLight};
+use throng::scene::{AGENT_LIMIT, Crowd, Scene, SceneClip, SceneCrowd, SceneLight, find_clip};
 use throng::{Agent, FrameOptions, View};
 use throng_bake::baked::Baked;
 
@@ -84,7 +84,10 @@ impl Shot {
     pub fn new(request: &Request, recipe: &Recipe, progress: &Progress) -> Result<Self> {
         let is_portrait = request.scene.is_none()
             && !request.characters.is_empty()
-            && request.agents.is_none_or(|n| n <= 1);
+            && request.agents.is_none_or(|n| n == 1);
+        if let Some(count) = request.agents.filter(|&n| n > AGENT_LIMIT) {
+            bail!("--agents {count}: the most is {AGENT_LIMIT}");
+        }
         let mut scene = match request.scene {
             _ if is_portrait => portrait(),
             Some(name) => load_scene(name)?,
@@ -113,9 +116,21 @@ impl Shot {
             None => (!scene.cameras.is_empty()).then_some(0),
         };
         let sources: Vec<String> = scene.characters.iter().map(|c| c.source.clone()).collect();
+        if sources.is_empty() && scene.agent_count() > 0 {
+            bail!("the scene has no [[character]]: name some with --character");
+        }
         let characters = source::baked_all(&sources, recipe, progress)?;
+        if let Some(name) = request.clip {
+            check_clip(name, &characters)?;
+        }
+        if !request.characters.is_empty() && scene.stand_in_scale == 1.0 {
+            for (entry, baked) in scene.characters.iter_mut().zip(&characters) {
+                entry.scale = scale_to_metres(&entry.name, baked, progress);
+            }
+        }
         if is_portrait {
-            scene.crowds[0].positions = side_by_side(&characters);
+            let scales = scene.characters.iter().map(|c| c.scale);
+            scene.crowds[0].positions = side_by_side(characters.iter().zip(scales));
         }
         let crowd = scene.populate(&characters.iter().collect::<Vec<_>>());
         for warning in &crowd.warnings {
@@ -259,12 +274,46 @@ fn portrait() -> Scene {
     }
 }
 
-/// Places along x, in a row around the origin, as far apart as the characters are wide.
-fn side_by_side(characters: &[Baked]) -> Vec<Vec3> {
-    let boxes = characters.iter().map(|c| {
+/// A clip that was asked for by name has to be somebody's.
+fn check_clip(name: &str, characters: &[Baked]) -> Result<()> {
+    let names = |c: &'_ Baked| -> Vec<String> { c.clips.iter().map(|c| c.name.clone()).collect() };
+    let all: Vec<Vec<String>> = characters.iter().map(names).collect();
+    let is_known =
+        |names: &Vec<String>| find_clip(names.iter().map(String::as_str), name).is_some();
+    if all.is_empty() || all.iter().any(is_known) {
+        return Ok(());
+    }
+    let lists = characters.iter().zip(&all);
+    let lists: Vec<String> = lists
+        .map(|(c, names)| format!("{} has {}", c.name, names.join(", ")))
+        .collect();
+    bail!("--clip {name}: there is none; {}", lists.join("; "))
+}
+
+/// What a character of unknown units is scaled by where a scene does not say it: 1 where it is from 10 cm to 15 m large,
+/// else the power of ten that makes it 50 cm to 5 m large, as one modelled in centimetres is in metres.
+fn scale_to_metres(name: &str, character: &Baked, progress: &Progress) -> f32 {
+    let size = character
+        .clips
+        .first()
+        .map_or(1.0, |c| (c.box_max - c.box_min).max_element());
+    if (0.1..=15.0).contains(&size) || !(size.is_finite() && size > 0.0) {
+        return 1.0;
+    }
+    let scale = 10f32.powi((5.0 / size).log10().floor() as i32);
+    progress.note(&format!(
+        "{name}: it would be {size:.3} m large; drawn {scale} times as large, as if in other units (`height` or `scale` in a \
+         scene says it otherwise)"
+    ));
+    scale
+}
+
+/// Places along x, in a row around the origin, as far apart as the characters, with their scales, are wide.
+fn side_by_side<'a>(characters: impl Iterator<Item = (&'a Baked, f32)>) -> Vec<Vec3> {
+    let boxes = characters.map(|(c, scale)| {
         let boxes = c.clips.iter().take(1);
         boxes.fold((0.0f32, 0.0f32), |(min, max), b| {
-            (min.min(b.box_min.x), max.max(b.box_max.x))
+            (min.min(scale * b.box_min.x), max.max(scale * b.box_max.x))
         })
     });
     let mut right = 0.0;

@@ -156,6 +156,18 @@ pub fn tints(source: &str) -> Result<Tints> {
     }
 }
 
+/// Refuses a source that is not there, before work is done for others.
+pub fn check_exists(source: &str) -> Result<()> {
+    match source.strip_prefix(BUILTIN) {
+        Some(name) if !people::names().contains(&name) => builtin(name).map(|_| ()),
+        Some(_) => Ok(()),
+        None => match std::fs::metadata(source) {
+            Ok(_) => Ok(()),
+            Err(e) => bail!("{source}: cannot be read: {e}"),
+        },
+    }
+}
+
 fn builtin(name: &str) -> Result<Character> {
     Ok(people::build(name)?)
 }
@@ -169,6 +181,12 @@ fn read(source: &str) -> Result<(&Path, Vec<u8>)> {
 }
 
 fn import_bytes(path: &Path, bytes: &[u8], progress: &Progress) -> Result<Character> {
+    if path.extension().is_some_and(|e| e == "throng") {
+        bail!(
+            "{}: header: it does not begin as a baked character does: it is cut off, or another file",
+            path.display()
+        );
+    }
     let character = import::import_bytes(path, bytes)?;
     for warning in &character.warnings {
         progress.warn(&format!("{}: {warning}", path.display()));

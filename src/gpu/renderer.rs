@@ -321,19 +321,23 @@ impl Renderer {
                 reason: "begin_frame comes first",
             });
         }
-        let capacity = self.agent_capacity.min(
-            self.cx
-                .capabilities
-                .workgroups
-                .saturating_mul(SELECT_GROUP_SIZE),
-        );
+        let dispatchable = self
+            .cx
+            .capabilities
+            .workgroups
+            .saturating_mul(SELECT_GROUP_SIZE);
+        let capacity = self.agent_capacity.min(dispatchable);
         if agents.len() > capacity as usize {
             return Err(RenderError::Limit {
                 object: "crowd".into(),
                 needed: agents.len() as u64,
                 limit: capacity as u64,
                 unit: "agents",
-                hint: "raise RendererDesc::agent_capacity, or split the crowd",
+                hint: if capacity == dispatchable {
+                    "the device takes no more at once: split the crowd"
+                } else {
+                    "raise RendererDesc::agent_capacity, or split the crowd"
+                },
             });
         }
         self.update_tables()?;

@@ -58,6 +58,11 @@ impl Scene {
         for (i, c) in self.cameras.iter().enumerate() {
             let place = format!("camera {} '{}'", i + 1, c.name);
             require(
+                c.name.is_empty() || self.cameras[..i].iter().all(|x| x.name != c.name),
+                &place,
+                "another camera has its `name`",
+            )?;
+            require(
                 c.fov_y_deg > 0.0 && c.fov_y_deg < 180.0,
                 &place,
                 "`fov_y_deg` is not between 0 and 180",
@@ -162,8 +167,14 @@ impl Scene {
             return err("a number of its `area` is not finite, or a size is not positive");
         }
         for name in &c.characters {
-            if !self.characters.iter().any(|x| x.name == *name) {
-                return err(&format!("there is no character '{name}'"));
+            match self.characters.iter().filter(|x| x.name == *name).count() {
+                1 => {}
+                0 => return err(&format!("there is no character '{name}'")),
+                n => {
+                    return err(&format!(
+                        "{n} characters are called '{name}': give each a `name` of its own"
+                    ));
+                }
             }
         }
         for clip in &c.clips {

@@ -187,10 +187,14 @@ fn look_up_clips(group: &SceneCrowd, character: &Baked, warnings: &mut Vec<Strin
     let find = |clip: &SceneClip| {
         find_clip(names.clone(), &clip.name).unwrap_or_else(|| {
             let first = names.clone().next().unwrap_or("none");
-            warnings.push(format!(
+            let warning = format!(
                 "{}: it has no clip '{}'; its first clip, '{first}', takes its place",
                 character.name, clip.name
-            ));
+            );
+            // Other crowds may have said so before.
+            if !warnings.contains(&warning) {
+                warnings.push(warning);
+            }
             0
         })
     };
