@@ -116,6 +116,10 @@ pub fn bake(
             )
         })
         .collect();
+    let mut source_clips = character.clips.clone();
+    for (source, clip) in source_clips.iter_mut().zip(&clips) {
+        source.ground_speed = clip.ground_speed;
+    }
     let baked = Baked {
         name: character.name.clone(),
         submeshes: sliding.submeshes,
@@ -134,7 +138,7 @@ pub fn bake(
         clips,
         nodes: character.nodes.clone(),
         joints: character.joints.clone(),
-        source_clips: character.clips.clone(),
+        source_clips,
         textures,
     };
     Ok((baked, times))

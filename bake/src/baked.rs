@@ -153,7 +153,8 @@ pub struct BakedClip {
     pub frame_count: u32,
     /// Seconds.
     pub duration_s: f32,
-    /// Speed at which feet do not slide, metres per second along +Z; 0 where unknown.
+    /// Speed at which feet do not slide, metres per second along +Z, as the source states it or planted feet show it; 0 where
+    /// neither does.
     pub ground_speed: f32,
     /// Box of every animated vertex at every frame, model space.
     pub box_min: Vec3,

@@ -15,6 +15,7 @@ pub mod error;
 pub mod export;
 pub mod file;
 pub mod glb;
+mod ground_speed;
 pub mod import;
 pub mod impostor;
 pub mod merge;

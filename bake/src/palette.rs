@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::baked::{BakedClip, PaletteEntry};
 use crate::character::{Character, Clip};
 use crate::error::BakeError;
+use crate::ground_speed::{self, ground_speed};
 use crate::mesh::Mesh;
 use crate::pose;
 
@@ -20,7 +21,8 @@ const STILL_TOLERANCE: f32 = 1e-6;
 /// The palette of all clips, `[frame_count][joint_count]`, and where each clip stands in it.
 ///
 /// The first frame of a clip stands at 0, the last at its duration, `frame_rate_hz` or slightly more in between.
-/// A character without clips gets one still of its rest pose. Bounds hold for every vertex at every frame, hence
+/// A character without clips gets one still of its rest pose. Ground speeds that clips do not state are measured
+/// ([`crate::ground_speed`]). Bounds hold for every vertex at every frame, hence
 /// also between frames and in blends, which are weighted means of them.
 ///
 /// Errors: [`BakeError::Limit`] when the palette would not fit.
@@ -54,18 +56,30 @@ pub fn sample_clips(
         });
     }
     let cloud = distinct_vertices(mesh);
+    // Others wait for coarser levels, and may stand below all soles.
+    let mut is_drawn = vec![false; mesh.vertex_count()];
+    for &v in mesh.triangles.iter().flatten() {
+        is_drawn[v as usize] = true;
+    }
     let baked: Vec<(Vec<Vec<Affine3A>>, BakedClip)> = clips
         .par_iter()
         .zip(&frame_counts)
         .map(|(clip, &frame_count)| {
             let frames = frames(character, clip, frame_count as usize);
-            let bounds = bounds(mesh, &cloud, &frames);
+            let bounds = bounds(mesh, &cloud, &is_drawn, &frames);
+            let frame_s = clip.duration_s / (frames.len() - 1).max(1) as f32;
             let baked = BakedClip {
                 name: clip.name.clone(),
                 first_frame: 0,
                 frame_count: frames.len() as u32,
                 duration_s: clip.duration_s,
-                ground_speed: clip.ground_speed,
+                ground_speed: match clip.ground_speed {
+                    0.0 => {
+                        let rows = bounds.ground..bounds.max.y;
+                        ground_speed(mesh, &bounds.soles, &frames, frame_s, rows)
+                    }
+                    stated => stated,
+                },
                 box_min: bounds.min,
                 box_max: bounds.max,
                 sphere_center: bounds.center,
@@ -120,9 +134,12 @@ struct Bounds {
     max: Vec3,
     center: Vec3,
     radius: f32,
+    /// The lowest that vertices of the full mesh come, and those that come near to it.
+    ground: f32,
+    soles: Vec<u32>,
 }
 
-fn bounds(mesh: &Mesh, cloud: &[u32], frames: &[Vec<Affine3A>]) -> Bounds {
+fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>]) -> Bounds {
     let posed = |frame: &[Affine3A], v: u32| {
         let v = v as usize;
         pose::skin(
@@ -133,12 +150,19 @@ fn bounds(mesh: &Mesh, cloud: &[u32], frames: &[Vec<Affine3A>]) -> Bounds {
         )
     };
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut lowest = vec![f32::INFINITY; cloud.len()];
     for frame in frames {
-        for &v in cloud {
+        for (&v, lowest) in cloud.iter().zip(&mut lowest) {
             let p = posed(frame, v);
             (min, max) = (min.min(p), max.max(p));
+            *lowest = lowest.min(p.y);
         }
     }
+    let mut soles: Vec<(u32, f32)> = cloud.iter().copied().zip(lowest).collect();
+    soles.retain(|&(v, _)| is_drawn[v as usize]);
+    let ground = soles.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
+    let near = ground + ground_speed::LEVEL * (max.y - min.y);
+    soles.retain(|&(_, lowest)| lowest < near);
     let center = (min + max) * 0.5;
     let mut radius = 0.0f32;
     for frame in frames {
@@ -153,5 +177,7 @@ fn bounds(mesh: &Mesh, cloud: &[u32], frames: &[Vec<Affine3A>]) -> Bounds {
         max: max + slack,
         center,
         radius: radius.sqrt() + slack,
+        ground,
+        soles: soles.into_iter().map(|s| s.0).collect(),
     }
 }

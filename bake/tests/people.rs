@@ -8,6 +8,8 @@ use glam::Vec3;
 use throng_bake::character::{Character, Clip};
 use throng_bake::glb::write_glb;
 use throng_bake::import::import_bytes;
+use throng_bake::merge::merge;
+use throng_bake::palette::sample_clips;
 use throng_bake::people::{self, PeopleError};
 use throng_bake::pose;
 
@@ -171,6 +173,27 @@ fn planted_feet_do_not_slide() {
             }
             let share = planted as f32 / (feet.len() * (poses.len() - 1)) as f32;
             assert!(share > 0.15, "{} {}: planted {share}", c.name, clip.name);
+        }
+    }
+}
+
+/// Whoever does not state ground speeds gets them measured: those that feet are known to walk at here, and none where they
+/// stand.
+#[test]
+fn ground_speeds_are_measured_where_they_are_not_stated() {
+    for c in everybody() {
+        let mut silent = c.clone();
+        silent.clips.iter_mut().for_each(|c| c.ground_speed = 0.0);
+        let mesh = merge(&silent).unwrap();
+        let (_, clips) = sample_clips(&silent, &mesh, 30.0).unwrap();
+        for (stated, measured) in c.clips.iter().zip(&clips) {
+            let (a, b) = (stated.ground_speed, measured.ground_speed);
+            assert!(
+                (a - b).abs() <= 0.1 * a,
+                "{} {}: {a} and {b}",
+                c.name,
+                stated.name
+            );
         }
     }
 }
