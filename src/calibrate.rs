@@ -289,6 +289,38 @@ fn opponent(linear: Vec3) -> Vec3 {
 mod tests {
     use super::*;
 
+    /// However flat somebody is: a carpet's sheets are as large as those of somebody who lies down.
+    #[test]
+    fn sheets_of_flat_characters_are_no_larger_than_a_device_can_draw() {
+        use throng_bake::baked::BakedClip;
+        for thickness in [0.0, 0.005, 0.3, 2.0] {
+            let half = Vec3::new(1.0, 0.5 * thickness, 1.0);
+            let baked = Baked {
+                clips: vec![BakedClip {
+                    name: "lie".into(),
+                    first_frame: 0,
+                    frame_count: 1,
+                    duration_s: 0.0,
+                    ground_speed: 0.0,
+                    box_min: -half,
+                    box_max: half,
+                    sphere_center: Vec3::ZERO,
+                    sphere_radius: half.length(),
+                }],
+                ..Baked::default()
+            };
+            for height_px in HEIGHTS_PX {
+                let [width, height] = sheet_of(&baked, CharacterId(0), height_px, 0.4).size_px;
+                let samples = [width, height].map(|s| s * SUPERSAMPLE);
+                assert!(
+                    samples[0].max(samples[1]) <= 8192,
+                    "{thickness}: {samples:?}"
+                );
+                assert!(width * height <= 1_300_000, "{thickness}: {width}x{height}");
+            }
+        }
+    }
+
     #[test]
     fn equal_errors_lie_between_the_measured_ones() {
         let meshes = [1.0, 2.0, 3.0, 5.0, 4.0, 6.0, 7.0, 8.0];

@@ -10,6 +10,7 @@ use throng_bake::impostor::{ErrorSample, Kind};
 use crate::frame::Method;
 use crate::gpu_types::{BIN_NONE, MAX_RANGES, QUAD_BIN, RangeInfo};
 use crate::impostor::{least_coverage, trimmed};
+use crate::sheet::bounds_height;
 
 /// What drawing costs on a device, nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +53,7 @@ impl CostModel {
 /// What the choice is made from, of one character.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Representations {
-    /// Height of its bounds, bind-space units.
+    /// Height of its bounds ([`bounds_height`]), bind-space units.
     pub height: f32,
     /// Collapse error and triangles of mesh levels, finest first, submeshes together.
     levels: Vec<(f32, f32)>,
@@ -79,11 +80,7 @@ pub struct ImpostorKind {
 impl Representations {
     /// Of a validated character whose own impostor bins begin at `first_bin`, and its quads at a texel of the gallery's table.
     pub fn new(baked: &Baked, first_bin: u32, first_quad_texel: u32) -> Self {
-        let height = baked
-            .clips
-            .iter()
-            .map(|c| c.box_max.y - c.box_min.y)
-            .fold(1e-6, f32::max);
+        let height = bounds_height(baked);
         let mut errors: Vec<f32> = baked.bands.iter().map(|b| b.error).collect();
         errors.sort_by(f32::total_cmp);
         let triangles_at = |error: f32| -> f32 {

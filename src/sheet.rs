@@ -36,9 +36,11 @@ pub struct Sheet {
     eye: Vec3,
 }
 
-/// Height of a character's bounds over all clips, bind-space units: what projected heights are of.
+/// Height of a character's bounds over all clips, of what lies at least half of its length, bind-space units: what projected
+/// heights are of.
 pub fn bounds_height(baked: &Baked) -> f32 {
-    let heights = baked.clips.iter().map(|c| c.box_max.y - c.box_min.y);
+    let extents = baked.clips.iter().map(|c| c.box_max - c.box_min);
+    let heights = extents.map(|e| e.y.max(0.5 * e.max_element()));
     heights.fold(1e-6, f32::max)
 }
 

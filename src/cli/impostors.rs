@@ -48,16 +48,16 @@ pub struct Options {
     #[arg(long, value_name = "X", default_value_t = ImpostorOptions::default().head_boost)]
     head_boost: f32,
     /// Flat impostors are seen from the 10 N^2 + 2 corners of an icosahedron with every edge in N parts
-    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().body_view_cuts)]
+    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().body_view_cuts, value_parser = clap::value_parser!(u32).range(1..=8))]
     flat_views: u32,
     /// The same for their heads
-    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().head_view_cuts)]
+    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().head_view_cuts, value_parser = clap::value_parser!(u32).range(1..=8))]
     head_views: u32,
     /// The same for quad impostors
-    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().quad_view_cuts)]
+    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().quad_view_cuts, value_parser = clap::value_parser!(u32).range(1..=8))]
     quad_views: u32,
     /// Poses of a clip for quad impostors, at most
-    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().quad_poses_per_clip)]
+    #[arg(long, value_name = "N", default_value_t = ImpostorOptions::default().quad_poses_per_clip, value_parser = clap::value_parser!(u32).range(1..=256))]
     quad_poses: u32,
     /// Bytes that all pictures of a character may take before they are compressed; texels grow coarser until they fit
     #[arg(long, value_name = "BYTES", default_value_t = ImpostorOptions::default().memory_limit_bytes)]

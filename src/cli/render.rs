@@ -81,7 +81,7 @@ pub struct Arguments {
     device: Option<String>,
     #[command(flatten)]
     cache: cache::Options,
-    /// Frames timed for the report, after two that warm up
+    /// Frames timed for the report, after two that warm up; 10 with --report, else 1 that is not timed
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
     /// The picture to write
@@ -203,14 +203,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let path = frame_path(&arguments.output, arguments.frames.map(|_| frame));
         save(&mut studio, quality.supersample, &path)?;
         bar.suspend(|| {
+            // A single frame's time is mostly that of drivers that compile shaders at the first draw.
+            let time = match drawing.runs {
+                1 => String::new(),
+                _ => format!(", {:.1} ms", report.frame_ms.median),
+            };
             say(format_args!(
-                "{}: {} agents, {} visible, {} draw calls, {} triangles, {:.1} ms\n",
+                "{}: {} agents, {} visible, {} draw calls, {} triangles{time}\n",
                 path.display(),
                 grouped(report.agents),
                 grouped(report.visible),
                 grouped(report.draw_calls),
-                grouped(report.triangles),
-                report.frame_ms.median
+                grouped(report.triangles)
             ))
         })?;
         bar.inc(1);

@@ -94,7 +94,10 @@ impl Groups {
             let place = format!("group '{name}'");
             for member in members {
                 let Some(joint) = joints.names.iter().position(|n| n == member) else {
-                    return Err(bad(&place, format!("there is no joint '{member}'")));
+                    let names = joints.names.join(", ");
+                    let reason =
+                        format!("there is no joint '{member}'; the character has: {names}");
+                    return Err(bad(&place, reason));
                 };
                 if listed[joint].replace(group).is_some() {
                     return Err(bad(&place, format!("joint '{member}' is listed twice")));
