@@ -17,7 +17,7 @@ mod crowd;
 mod motion;
 
 use crowd::ring_starts;
-pub use crowd::{Crowd, find_clip, lowest_point, standing_height};
+pub use crowd::{Crowd, find_clip, lowest_point, standing_clip, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;
@@ -151,7 +151,8 @@ pub struct SceneCrowd {
     /// Names of the characters it consists of; all where empty.
     #[serde(default)]
     pub characters: Vec<String>,
-    /// What agents do; each draws one entry by share. A clip without speed stays on its spot. The character's first clip where empty.
+    /// What agents do; each draws one entry by share. A clip without speed stays on its spot. The character's idle clip
+    /// where empty, or where it has none by that name; its first where it has no idle one.
     #[serde(default)]
     pub clips: Vec<SceneClip>,
     /// How agents move.

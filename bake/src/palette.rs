@@ -22,7 +22,7 @@ const STILL_TOLERANCE: f32 = 1e-6;
 ///
 /// The first frame of a clip stands at 0, the last at its duration, `frame_rate_hz` or slightly more in between.
 /// A character without clips gets one still of its rest pose. Ground speeds that clips do not state are measured
-/// ([`crate::ground_speed`]). Bounds hold for every vertex at every frame, hence
+/// (`ground_speed`). Bounds hold for every vertex at every frame, hence
 /// also between frames and in blends, which are weighted means of them.
 ///
 /// Errors: [`BakeError::Limit`] when the palette would not fit.

@@ -23,7 +23,7 @@ use super::source::Recipe;
 #[command(
     long_about = "Draws a scene to PNG files: a TOML file, or a built-in scene (street, plaza, plaza_air, stampede, \
                   file, scale, foxes, pedestrians, lineup). --character replaces the scene's characters by files of your own, baked or not (several take equal shares). \
-                  Characters without a scene are drawn side by side, each at the start of its clip, and the camera \
+                  Characters without a scene are drawn side by side, each at the start of its idle clip, and the camera \
                   takes them in; with --agents they people the plaza.",
     after_help = "Examples:\n  \
                   throng render plaza -o plaza.png\n  \

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use glam::{Mat3, Quat, Vec3};
-use throng::scene::{AGENT_LIMIT, Crowd, Scene, SceneClip, SceneCrowd, SceneLight, find_clip};
+use throng::scene::{
+    AGENT_LIMIT, Crowd, Scene, SceneClip, SceneCrowd, SceneLight, find_clip, standing_clip,
+};
 use throng::{Agent, FrameOptions, View};
 use throng_bake::baked::Baked;
 
@@ -295,7 +297,7 @@ fn check_clip(name: &str, characters: &[Baked]) -> Result<()> {
 fn scale_to_metres(name: &str, character: &Baked, progress: &Progress) -> f32 {
     let size = character
         .clips
-        .first()
+        .get(standing_clip(character))
         .map_or(1.0, |c| (c.box_max - c.box_min).max_element());
     if (0.1..=15.0).contains(&size) || !(size.is_finite() && size > 0.0) {
         return 1.0;
@@ -311,7 +313,7 @@ fn scale_to_metres(name: &str, character: &Baked, progress: &Progress) -> f32 {
 /// Places along x, in a row around the origin, as far apart as the characters, with their scales, are wide.
 fn side_by_side<'a>(characters: impl Iterator<Item = (&'a Baked, f32)>) -> Vec<Vec3> {
     let boxes = characters.map(|(c, scale)| {
-        let boxes = c.clips.iter().take(1);
+        let boxes = c.clips.get(standing_clip(c)).into_iter();
         boxes.fold((0.0f32, 0.0f32), |(min, max), b| {
             (min.min(scale * b.box_min.x), max.max(scale * b.box_max.x))
         })

@@ -88,8 +88,11 @@ impl Scene {
             let who = if !in_turn { drawn } else { i % cast.len() };
             let choice = draw(&clip_shares, random.unit());
             let stated = group.clips.get(choice);
-            let clip_index = clips[who].get(choice).copied().unwrap_or(0);
             let character = characters[cast[who]];
+            let clip_index = match clips[who].get(choice) {
+                Some(&clip) => clip,
+                None => standing_clip(character),
+            };
             let entry = &self.characters[cast[who]];
             let scale = entry.scale
                 * entry.height.map_or(1.0, |h| h / standing_height(character))
@@ -186,16 +189,17 @@ fn look_up_clips(group: &SceneCrowd, character: &Baked, warnings: &mut Vec<Strin
     let names = character.clips.iter().map(|c| c.name.as_str());
     let find = |clip: &SceneClip| {
         find_clip(names.clone(), &clip.name).unwrap_or_else(|| {
-            let first = names.clone().next().unwrap_or("none");
+            let stands = standing_clip(character);
+            let name = names.clone().nth(stands).unwrap_or("none");
             let warning = format!(
-                "{}: it has no clip '{}'; its first clip, '{first}', takes its place",
+                "{}: it has no clip '{}'; its clip '{name}' takes its place",
                 character.name, clip.name
             );
             // Other crowds may have said so before.
             if !warnings.contains(&warning) {
                 warnings.push(warning);
             }
-            0
+            stands
         })
     };
     group.clips.iter().map(find).collect()
@@ -234,7 +238,7 @@ pub fn find_clip<'a>(names: impl Iterator<Item = &'a str> + Clone, name: &str) -
 
 /// Height of a character that stands: from its idle clip's box, or the first clip's where it has no idle.
 pub fn standing_height(character: &Baked) -> f32 {
-    match standing_clip(character) {
+    match character.clips.get(standing_clip(character)) {
         Some(c) if c.box_max.y > c.box_min.y => c.box_max.y - c.box_min.y,
         _ => 1.0,
     }
@@ -243,7 +247,8 @@ pub fn standing_height(character: &Baked) -> f32 {
 /// Height of the lowest point of a character that stands, in bind space: 0 for most people, far below for those whose
 /// origin is their hip.
 pub fn lowest_point(character: &Baked) -> f32 {
-    standing_clip(character).map_or(0.0, |c| c.box_min.y)
+    let clip = character.clips.get(standing_clip(character));
+    clip.map_or(0.0, |c| c.box_min.y)
 }
 
 /// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where its lowest point is off by
@@ -257,9 +262,9 @@ fn lift_onto_ground(character: &Baked) -> f32 {
     }
 }
 
-fn standing_clip(character: &Baked) -> Option<&BakedClip> {
-    let idle = find_clip(character.clips.iter().map(|c| c.name.as_str()), "idle").unwrap_or(0);
-    character.clips.get(idle)
+/// Index of the clip that a character stands in: its idle one, else its first.
+pub fn standing_clip(character: &Baked) -> usize {
+    find_clip(character.clips.iter().map(|c| c.name.as_str()), "idle").unwrap_or(0)
 }
 
 /// Index that `unit`, from 0 to 1, falls on when each has a stretch as long as its share.

@@ -79,6 +79,26 @@ fn a_scene_reads_with_defaults_and_paths_relative_to_it() {
     assert_eq!(scene.light, SceneLight::default());
 }
 
+/// Whatever comes first in a file: nobody bites or dies because a scene names no clip, or one that they have not got.
+#[test]
+fn who_is_not_told_what_to_do_stands() {
+    let mut wolf = character("wolf");
+    wolf.clips.swap(0, 2);
+    let mut cow = wolf.clone();
+    cow.clips.truncate(2);
+    for clips in ["", "clips = [{ name = \"swim\" }]"] {
+        let text = format!(
+            "[[character]]\nsource = 'wolf.glb'\n[[character]]\nsource = 'cow.glb'\n\
+             [[crowd]]\npositions = [[0, 0, 0], [1, 0, 0]]\n{clips}"
+        );
+        let crowd = parse(&text).unwrap().populate(&[&wolf, &cow]);
+        let agents = crowd.agents_at(0.0);
+        assert_eq!(agents[0].clips, [2, 2], "the idle one");
+        assert_eq!(agents[1].clips, [0, 0], "the first where there is none");
+        assert_eq!(crowd.warnings.len(), if clips.is_empty() { 0 } else { 2 });
+    }
+}
+
 #[test]
 fn every_builtin_scene_reads() {
     for name in builtin_names() {
