@@ -6,7 +6,7 @@ use crate::baked::{Baked, Submesh};
 use crate::character::{Alpha, Character, Image, Material, Part};
 use crate::mesh::Mesh;
 use crate::quantize::{decode_normal, decode_position, decode_uv, decode_weights};
-use crate::sliding_tris::triangles_at;
+use crate::sliding_tris::{band_at, live_count, triangles_at};
 use crate::texture::linear_from_srgb;
 
 /// Which level of detail.
@@ -94,11 +94,14 @@ fn submesh_triangles(baked: &Baked, error: f32) -> Vec<(&Submesh, Vec<[u32; 3]>)
     let of = |s: &Submesh| {
         let range = s.first_vertex as usize..(s.first_vertex + s.vertex_count) as usize;
         let (collapse, vertices) = (&baked.collapse[range.clone()], &baked.vertices[range]);
-        let band = &baked.bands[s.first_band as usize];
-        let full = &baked.indices[band.first_index as usize..][..band.index_count as usize];
+        let bands = &baked.bands[s.first_band as usize..][..s.band_count as usize];
+        let band = band_at(bands, live_count(collapse, error));
+        let window = band.map_or(&[][..], |b| {
+            &baked.indices[b.first_index as usize..][..b.index_count as usize]
+        });
         let same_place =
             |a: u32, b: u32| vertices[a as usize].position == vertices[b as usize].position;
-        triangles_at(collapse, full, same_place, error)
+        triangles_at(collapse, window, same_place, error)
     };
     baked.submeshes.iter().map(|s| (s, of(s))).collect()
 }

@@ -57,6 +57,18 @@ impl Mesh {
 pub struct CollapseSequence {
     /// In the order in which they happen; `error_m` never falls. Each vertex is the source of at most one.
     pub steps: Vec<Collapse>,
+    /// Triangles that take the place of all others at the coarse end, where that looks better.
+    pub replacement: Option<Replacement>,
+}
+
+/// Triangles that take the place of all others.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Replacement {
+    /// It happens with this step and those after it of the same error: in levels of fewer steps the mesh's triangles are drawn,
+    /// in others these.
+    pub step: usize,
+    /// Counter-clockwise triangles, of vertices that are alive from the first step on and in no other triangle.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 /// A vertex moves onto another of the same submesh that is alive at that time.

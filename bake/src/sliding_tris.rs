@@ -95,10 +95,20 @@ pub fn order(
             .filter(|t| mesh.submesh[t[0] as usize] as usize == s)
             .map(|t| t.map(|v| local[v as usize]))
             .collect();
+        let collapse = &out.collapse[first_vertex as usize..];
+        let replacement = sequence.replacement.as_ref().map(|r| {
+            let of_submesh = |t: &&[u32; 3]| mesh.submesh[t[0] as usize] as usize == s;
+            let triangles = r.triangles.iter().filter(of_submesh);
+            Replaced {
+                live: live_count(collapse, sequence.steps[r.step].error_m),
+                triangles: triangles.map(|t| t.map(|v| local[v as usize])).collect(),
+            }
+        });
         let windows = Windows {
-            collapse: &out.collapse[first_vertex as usize..],
+            collapse,
             place: places(mesh, &vertices),
             full,
+            replacement,
         };
         let first_band = out.bands.len() as u32;
         windows.cut(form, &mut out.bands, &mut out.indices);
@@ -136,6 +146,34 @@ fn check_sequence(mesh: &Mesh, sequence: &CollapseSequence) -> Result<Vec<u32>, 
         };
         return Err(BakeError::Sequence { step: i, reason });
     }
+    if let Some(r) = &sequence.replacement {
+        let error = sequence.steps.get(r.step).map(|s| s.error_m);
+        let alive = |v: u32| {
+            let death = died_at.get(v as usize)?;
+            let step = sequence.steps.get(*death as usize);
+            Some(step.map(|s| s.error_m) > error || step.is_none())
+        };
+        let whole = |t: &[u32; 3]| {
+            let submesh = |v: u32| mesh.submesh.get(v as usize);
+            submesh(t[0]) == submesh(t[1]) && submesh(t[1]) == submesh(t[2])
+        };
+        let all_alive = |t: &[u32; 3]| t.iter().all(|&v| alive(v) == Some(true));
+        // Instances tell both sides of it apart by the error alone.
+        let starts = r.step == 0 || sequence.steps.get(r.step - 1).map(|s| s.error_m) < error;
+        let reason = if error.is_none() || !starts {
+            "triangles are replaced within the steps of one error, or after the last"
+        } else if !r.triangles.iter().all(all_alive) {
+            "a triangle that replaces others has a vertex that is dead or does not exist"
+        } else if !r.triangles.iter().all(whole) {
+            "a triangle that replaces others lies in two submeshes"
+        } else {
+            return Ok(died_at);
+        };
+        return Err(BakeError::Sequence {
+            step: r.step,
+            reason,
+        });
+    }
     Ok(died_at)
 }
 
@@ -170,6 +208,14 @@ struct Windows<'a> {
     collapse: &'a [CollapseEntry],
     place: Vec<u32>,
     full: Vec<[u32; 3]>,
+    replacement: Option<Replaced>,
+}
+
+/// Triangles of a submesh that take the place of all others.
+struct Replaced {
+    /// Live vertices from which on, downwards, they do.
+    live: u32,
+    triangles: Vec<[u32; 3]>,
 }
 
 impl Windows<'_> {
@@ -185,14 +231,22 @@ impl Windows<'_> {
                 }
             }
             BandForm::SingleWindow => {
-                let first_index = indices.len() as u32;
-                let mut dying: Vec<(u32, [u32; 3])> =
-                    self.full.iter().map(|&t| (self.dies_at(t), t)).collect();
-                dying.sort_by_key(|&(dies_at, _)| dies_at);
-                indices.extend(dying.iter().flat_map(|&(_, t)| t));
-                for live in self.live_counts(std::f32::consts::SQRT_2) {
-                    let alive = dying.partition_point(|&(dies_at, _)| dies_at < live) as u32;
-                    bands.push(self.band(first_index, 3 * alive, live));
+                let counts = self.live_counts(std::f32::consts::SQRT_2);
+                let replaced = counts.partition_point(|&live| !self.is_replaced(live));
+                for counts in [&counts[..replaced], &counts[replaced..]] {
+                    let Some(&first) = counts.first() else {
+                        continue;
+                    };
+                    let first_index = indices.len() as u32;
+                    let drawn = self.drawn_from(first).iter();
+                    let mut dying: Vec<(u32, [u32; 3])> =
+                        drawn.map(|&t| (self.dies_at(t), t)).collect();
+                    dying.sort_by_key(|&(dies_at, _)| dies_at);
+                    indices.extend(dying.iter().flat_map(|&(_, t)| t));
+                    for &live in counts {
+                        let alive = dying.partition_point(|&(dies_at, _)| dies_at < live) as u32;
+                        bands.push(self.band(first_index, 3 * alive, live));
+                    }
                 }
             }
         }
@@ -214,15 +268,23 @@ impl Windows<'_> {
         let n = self.collapse.len() as u32;
         let mut counts = vec![n];
         let mut last = n;
-        while last > MIN_BAND_VERTICES {
+        // Where other triangles take the place of all there is a band, whatever its width.
+        let replaced = self.replacement.as_ref().map(|r| r.live);
+        let due = |last: u32| replaced.filter(|&r| r < last);
+        while last > MIN_BAND_VERTICES || due(last).is_some() {
             let step = step_ratio(ratio, last, n);
             let wanted = ((last as f32 / step).floor() as u32).max(MIN_BAND_VERTICES);
-            let live = self.at_error_change(wanted);
-            if live == last || live == 0 {
+            let narrower = self.at_error_change(wanted);
+            let live = match due(last) {
+                Some(r) if narrower >= last || self.triangles(last).is_empty() => r,
+                Some(r) => narrower.max(r),
+                None => narrower,
+            };
+            if live >= last || live == 0 {
                 break;
             }
             counts.push(live);
-            if self.triangles(live).is_empty() {
+            if self.triangles(live).is_empty() && due(live).is_none() {
                 return counts;
             }
             last = live;
@@ -255,11 +317,23 @@ impl Windows<'_> {
         }
     }
 
+    fn is_replaced(&self, live: u32) -> bool {
+        self.replacement.as_ref().is_some_and(|r| live <= r.live)
+    }
+
+    /// The triangles that the level of `live` vertices is what is left of.
+    fn drawn_from(&self, live: u32) -> &[[u32; 3]] {
+        match &self.replacement {
+            Some(r) if live <= r.live => &r.triangles,
+            _ => &self.full,
+        }
+    }
+
     /// Triangles alive at `live` vertices with their corners at living ancestors, in source order.
     fn triangles(&self, live: u32) -> Vec<[u32; 3]> {
         let mut seen = HashSet::new();
         let mut out = Vec::new();
-        for t in &self.full {
+        for t in self.drawn_from(live) {
             let c = t.map(|v| ancestor(self.collapse, v, live));
             if !self.degenerate(c) && seen.insert(rotated(c)) {
                 out.push(c);
@@ -309,18 +383,27 @@ fn rotated(c: [u32; 3]) -> [u32; 3] {
     }
 }
 
-/// Triangles of one submesh at an LOD error, from its finest band, as the vertex shader would show them.
+/// The band that instances with `live` live vertices draw: the tightest that holds them. `bands` are one submesh's; none where
+/// there are no bands.
+pub fn band_at(bands: &[Band], live: u32) -> Option<&Band> {
+    let tightest = bands.iter().rev().find(|b| b.vertex_count >= live);
+    tightest.or(bands.first())
+}
+
+/// Triangles of one submesh at an LOD error, as the vertex shader would show them.
 ///
-/// `collapse` is the submesh's part; `full` the finest band's indices; `place` as equal positions.
+/// `collapse` is the submesh's part; `window` the indices of the band that is drawn at that error, see [`band_at`], or of any
+/// finer one on the same side of a replacement; `same_place` says which vertices have equal positions.
 pub fn triangles_at(
     collapse: &[CollapseEntry],
-    full: &[u32],
+    window: &[u32],
     same_place: impl Fn(u32, u32) -> bool,
     error: f32,
 ) -> Vec<[u32; 3]> {
     let live = live_count(collapse, error);
     let mut seen = HashSet::new();
-    full.chunks_exact(3)
+    window
+        .chunks_exact(3)
         .map(|t| [t[0], t[1], t[2]].map(|v| ancestor(collapse, v, live)))
         .filter(|c| {
             !(same_place(c[0], c[1]) || same_place(c[1], c[2]) || same_place(c[2], c[0]))

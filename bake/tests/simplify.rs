@@ -108,6 +108,13 @@ fn check(mesh: &Mesh, s: &CollapseSequence) {
     }
     assert!(triangles_at(mesh, s, s.steps.len()).is_empty());
     assert_eq!(triangles_at(mesh, s, 0), mesh.triangles);
+    if let Some(r) = &s.replacement {
+        assert!(s.steps[r.step - 1].error_m < s.steps[r.step].error_m);
+        let all: HashSet<u32> = mesh.triangles.iter().flatten().copied().collect();
+        let new: HashSet<u32> = r.triangles.iter().flatten().copied().collect();
+        assert!(all.is_disjoint(&new), "they wait until then");
+        assert!(r.triangles.len() <= triangles_at(mesh, s, r.step).len());
+    }
 }
 
 /// Edges by position that do not have a face on either side.
@@ -586,6 +593,31 @@ fn few_triangles_are_not_spent_on_layers_that_have_come_together() {
 }
 
 #[test]
+fn where_a_skeleton_says_what_limbs_are_coarse_levels_are_built_of_them() {
+    let c = throng_bake::people::build("man_suit").expect("built in");
+    let mut mesh = merge(&c).expect("merge");
+    let poses = PoseSet::choose(&c, &mesh, PoseSet::DEFAULT_COUNT);
+    let s = simplify(&mut mesh, &poses, &[]);
+    check(&mesh, &s);
+    let replaced = s.replacement.as_ref().expect("it looks better");
+    assert!((36..=40).contains(&replaced.triangles.len()));
+    // Arms, legs, a head and a trunk share no vertices, and every joint that a crowd sees move moves one.
+    let first = |v: u32| mesh.joints[v as usize][0];
+    let moved: HashSet<u8> = replaced
+        .triangles
+        .iter()
+        .flatten()
+        .map(|&v| first(v))
+        .collect();
+    assert!(moved.len() >= 8, "{moved:?}");
+    // It goes on from there, down to nothing.
+    let left = |k: usize| triangles_at(&mesh, &s, k).len();
+    let counts: Vec<usize> = (replaced.step + 1..=s.steps.len()).map(left).collect();
+    assert!(counts.is_sorted_by(|a, b| a >= b), "{counts:?}");
+    assert!(counts.iter().any(|n| (10..20).contains(n)), "{counts:?}");
+}
+
+#[test]
 fn every_built_in_character_gives_a_sequence_that_keeps_its_rules() {
     // Real surfaces lose wedges and edges in ways that small meshes do not: a twin of a dead wedge once came out.
     for name in throng_bake::people::names() {
@@ -594,6 +626,12 @@ fn every_built_in_character_gives_a_sequence_that_keeps_its_rules() {
         let poses = PoseSet::choose(&c, &mesh, 4);
         let s = simplify(&mut mesh, &poses, &[]);
         check(&mesh, &s);
+        // Each of them has a skeleton that says what its limbs are, and looks better for it.
+        let replaced = s.replacement.as_ref().map_or(0, |r| r.triangles.len());
+        assert!(
+            (36..=40).contains(&replaced),
+            "{name}: {replaced} triangles"
+        );
         // At a pixel of error nobody vanishes who is more than two or three pixels high.
         let last = (0..s.steps.len())
             .rev()

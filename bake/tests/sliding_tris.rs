@@ -5,9 +5,9 @@ mod common;
 use std::collections::BTreeSet;
 
 use common::{random_sequence, sheets};
-use throng_bake::mesh::{Collapse, CollapseSequence, Mesh};
+use throng_bake::mesh::{Collapse, CollapseSequence, Mesh, Replacement};
 use throng_bake::sliding_tris::{
-    BandForm, SlidingTris, ancestor, live_count, order, step_ratio, triangles_at,
+    BandForm, SlidingTris, ancestor, band_at, live_count, order, step_ratio, triangles_at,
 };
 
 const COLLAPSED: BandForm = BandForm::Collapsed {
@@ -16,13 +16,16 @@ const COLLAPSED: BandForm = BandForm::Collapsed {
 
 /// Triangles of one submesh as sets of source vertices, after the first `steps` collapses, by plain replay.
 fn replay(mesh: &Mesh, sequence: &CollapseSequence, error: f32, submesh: u8) -> BTreeSet<Vec<u32>> {
+    let replaced = sequence.replacement.as_ref();
+    let replaced = replaced.filter(|r| sequence.steps[r.step].error_m <= error);
+    let triangles = replaced.map_or(&mesh.triangles, |r| &r.triangles);
     let mut now: Vec<u32> = (0..mesh.vertex_count() as u32).collect();
     for s in sequence.steps.iter().filter(|s| s.error_m <= error) {
         now.iter_mut()
             .filter(|c| **c == s.vertex)
             .for_each(|c| *c = s.target);
     }
-    let corners = mesh.triangles.iter().map(|t| t.map(|v| now[v as usize]));
+    let corners = triangles.iter().map(|t| t.map(|v| now[v as usize]));
     corners
         .filter(|c| {
             mesh.submesh[c[0] as usize] == submesh && c[0] != c[1] && c[1] != c[2] && c[2] != c[0]
@@ -104,6 +107,90 @@ fn a_band_shows_what_the_full_window_shows_and_indexes_only_living_vertices() {
                 moved(window(&bands[0])),
                 "{live} vertices alive"
             );
+        }
+    }
+}
+
+/// Two sheets of which the first becomes a square of four new vertices after `kept` steps, while the second ends.
+fn replaced(side: usize, kept: usize) -> (Mesh, CollapseSequence) {
+    let mut mesh = sheets(side);
+    let mut sequence = random_sequence(&mesh, 3);
+    sequence.steps.truncate(kept);
+    let first = mesh.vertex_count() as u32;
+    for (x, y) in [(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 2.0)] {
+        let like = |v: &mut Vec<_>| v.push(v[0]);
+        like(&mut mesh.uvs);
+        mesh.positions.push(glam::Vec3::new(x, y, 0.5));
+        mesh.normals.push(mesh.normals[0]);
+        mesh.colors.push(mesh.colors[0]);
+        mesh.layers.push(mesh.layers[0]);
+        mesh.body_parts.push(mesh.body_parts[0]);
+        mesh.joints.push(mesh.joints[0]);
+        mesh.weights.push(mesh.weights[0]);
+        mesh.submesh.push(0);
+    }
+    let dead = |steps: &[Collapse], v: u32| steps.iter().any(|s| s.vertex == v);
+    let root = (0..first)
+        .find(|&v| mesh.submesh[v as usize] == 1 && !dead(&sequence.steps, v))
+        .unwrap();
+    let mut step = |vertex, target, error_m| {
+        sequence.steps.push(Collapse {
+            vertex,
+            target,
+            error_m,
+        });
+    };
+    let living: Vec<u32> = (0..first)
+        .filter(|&v| !dead(&random_sequence(&sheets(side), 3).steps[..kept], v))
+        .collect();
+    for v in living.into_iter().filter(|&v| v != root) {
+        let target = [first, root][usize::from(mesh.submesh[v as usize])];
+        step(v, target, 5.0);
+    }
+    step(first + 3, first, 6.0);
+    step(first + 2, first + 1, 7.0);
+    step(first + 1, first, 7.0);
+    sequence.replacement = Some(Replacement {
+        step: kept,
+        triangles: vec![[first, first + 1, first + 2], [first, first + 2, first + 3]],
+    });
+    (mesh, sequence)
+}
+
+#[test]
+fn where_triangles_are_replaced_levels_on_both_sides_are_right_and_a_band_begins() {
+    for (kept, form) in [
+        (30, COLLAPSED),
+        (90, COLLAPSED),
+        (150, COLLAPSED),
+        (90, BandForm::SingleWindow),
+    ] {
+        let (mesh, sequence) = replaced(9, kept);
+        let sliding = order(&mesh, &sequence, form).unwrap();
+        for (s, submesh) in sliding.submeshes.iter().enumerate() {
+            let collapse =
+                &sliding.collapse[submesh.first_vertex as usize..][..submesh.vertex_count as usize];
+            let bands =
+                &sliding.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+            let live = live_count(collapse, 5.0);
+            assert!(bands.iter().any(|b| b.vertex_count == live), "{bands:?}");
+            for step in &sequence.steps {
+                let band = band_at(bands, live_count(collapse, step.error_m)).unwrap();
+                let window =
+                    &sliding.indices[band.first_index as usize..][..band.index_count as usize];
+                let shown = triangles_at(collapse, window, |a, b| a == b, step.error_m);
+                let expected = replay(&mesh, &sequence, step.error_m, s as u8);
+                assert_eq!(
+                    as_sources(&sliding, s, shown),
+                    expected,
+                    "{form:?}, error {}",
+                    step.error_m
+                );
+                if step.error_m == 5.0 {
+                    assert_eq!(expected.len(), [2, 0][s]);
+                    assert!(window.iter().all(|&v| v < live));
+                }
+            }
         }
     }
 }
@@ -196,8 +283,27 @@ fn a_sequence_that_breaks_its_rules_is_refused() {
         vec![step(0, 1, f32::NAN)],
     ];
     for steps in broken {
-        let sequence = CollapseSequence { steps };
+        let sequence = CollapseSequence {
+            steps,
+            replacement: None,
+        };
         assert!(order(&mesh, &sequence, COLLAPSED).is_err(), "{sequence:?}");
     }
     assert!(order(&mesh, &CollapseSequence::default(), COLLAPSED).is_ok());
+
+    let (mesh, good) = replaced(9, 30);
+    assert!(order(&mesh, &good, COLLAPSED).is_ok());
+    type Break = fn(&mut Replacement);
+    let breaks: [Break; 5] = [
+        |r| r.step += 1,
+        |r| r.step = usize::MAX,
+        |r| r.triangles[0][0] = 0,
+        |r| r.triangles[0][0] = 999,
+        |r| r.triangles[0] = [100; 3],
+    ];
+    for (i, b) in breaks.into_iter().enumerate() {
+        let mut sequence = good.clone();
+        b(sequence.replacement.as_mut().unwrap());
+        assert!(order(&mesh, &sequence, COLLAPSED).is_err(), "{i}");
+    }
 }

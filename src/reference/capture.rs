@@ -6,6 +6,7 @@ use throng_bake::baked::{Baked, TextureArray, Vertex};
 use throng_bake::impostor::capture::{CaptureBatch, CaptureView, CapturedView};
 use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_uv, decode_weights};
+use throng_bake::sliding_tris::band_at;
 
 use super::mesh::{living_ancestor, skin_vertex};
 use crate::gpu_types::{CAPTURE_DEPTH_REACH, CAPTURE_WEIGHT_MIN, CAPTURE_WEIGHT_OWN, Instance};
@@ -39,8 +40,10 @@ pub fn capture(baked: &Baked, batch: &CaptureBatch, view: &CaptureView) -> Captu
                 .count() as u32,
             false => submesh.vertex_count,
         };
-        let finest = &baked.bands[submesh.first_band as usize];
-        let window = &baked.indices[finest.first_index as usize..][..finest.index_count as usize];
+        let bands = &baked.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+        let window = band_at(bands, live).map_or(&[][..], |b| {
+            &baked.indices[b.first_index as usize..][..b.index_count as usize]
+        });
         for triangle in window.chunks_exact(3) {
             let [a, b, c] = [triangle[0], triangle[1], triangle[2]]
                 .map(|v| living_ancestor(baked, first, v, live).0);

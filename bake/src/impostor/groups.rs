@@ -12,6 +12,7 @@ use std::path::Path;
 use glam::{Affine3A, Mat4, Vec3, Vec4};
 
 use crate::baked::{Baked, PaletteEntry};
+use crate::character::{Joint, Node};
 use crate::error::ImportError;
 use crate::quantize::{decode_position, decode_weights};
 use crate::words::words;
@@ -192,7 +193,7 @@ impl Joints {
             entries.iter().map(PaletteEntry::to_affine).collect()
         });
         let poses: Vec<Vec<Affine3A>> = poses.collect();
-        let places = super::pose::joint_places(baked);
+        let places = super::pose::joint_places(&baked.joints);
         let mut misplaced = vec![0.0; count * count];
         for joint in (0..count).filter(|&j| shares[j] > 0.0) {
             let rotation = match is_limb(&name_of(joint)) {
@@ -207,7 +208,7 @@ impl Joints {
         }
         Self {
             names: (0..count).map(name_of).collect(),
-            parents: super::pose::joint_parents(baked),
+            parents: super::pose::joint_parents(&baked.nodes, &baked.joints),
             shares,
             misplaced,
         }
@@ -460,6 +461,22 @@ impl Extremity {
             None
         }
     }
+}
+
+/// The joint that each joint goes with, because it is a part of the same hand, foot or head, a helper or without surface;
+/// others go with themselves. `shares` are the joints' shares of the surface.
+pub(crate) fn grouped_by_name(nodes: &[Node], joints: &[Joint], shares: Vec<f64>) -> Vec<usize> {
+    let name_of = |j: &Joint| nodes.get(j.node as usize).map(|n| n.name.clone());
+    Joints {
+        names: joints
+            .iter()
+            .map(|j| name_of(j).unwrap_or_default())
+            .collect(),
+        parents: super::pose::joint_parents(nodes, joints),
+        shares,
+        misplaced: Vec::new(),
+    }
+    .merged_by_name()
 }
 
 /// Whether a joint's name says that it moves a head, or what is in one.

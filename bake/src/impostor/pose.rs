@@ -3,6 +3,7 @@
 use glam::{Affine3A, Vec3};
 
 use crate::baked::{Baked, PaletteEntry};
+use crate::character::{Joint, Node};
 use crate::quantize::{decode_position, decode_weights};
 
 /// The palette of a clip at `phase`, rows interpolated between the two nearest frames as the renderer does.
@@ -34,25 +35,25 @@ pub fn bind_palette(baked: &Baked) -> Vec<PaletteEntry> {
 }
 
 /// The nearest joint above each palette joint.
-pub(super) fn joint_parents(baked: &Baked) -> Vec<Option<usize>> {
-    let mut joint_of_node: Vec<Option<usize>> = vec![None; baked.nodes.len()];
-    for (i, j) in baked.joints.iter().enumerate() {
+pub(crate) fn joint_parents(nodes: &[Node], joints: &[Joint]) -> Vec<Option<usize>> {
+    let mut joint_of_node: Vec<Option<usize>> = vec![None; nodes.len()];
+    for (i, j) in joints.iter().enumerate() {
         joint_of_node[j.node as usize].get_or_insert(i);
     }
-    let above = |node: u32| baked.nodes[node as usize].parent;
-    let parent = |j: &crate::character::Joint| {
+    let above = |node: u32| nodes[node as usize].parent;
+    let parent = |j: &Joint| {
         std::iter::successors(above(j.node), |&n| above(n)).find_map(|n| joint_of_node[n as usize])
     };
-    baked.joints.iter().map(parent).collect()
+    joints.iter().map(parent).collect()
 }
 
 /// Where the palette joints stand in bind space.
-pub(super) fn joint_places(baked: &Baked) -> Vec<Vec3> {
-    let place = |j: &crate::character::Joint| {
+pub(crate) fn joint_places(joints: &[Joint]) -> Vec<Vec3> {
+    let place = |j: &Joint| {
         let place = j.joint_from_bind.inverse().w_axis.truncate();
         if place.is_finite() { place } else { Vec3::ZERO }
     };
-    baked.joints.iter().map(place).collect()
+    joints.iter().map(place).collect()
 }
 
 /// Every vertex as skinning sees it.

@@ -111,8 +111,8 @@ impl Skeleton {
         };
         Self {
             names: (0..baked.joints.len()).map(name).collect(),
-            parents: super::pose::joint_parents(baked),
-            places: super::pose::joint_places(baked),
+            parents: super::pose::joint_parents(&baked.nodes, &baked.joints),
+            places: super::pose::joint_places(&baked.joints),
         }
     }
 

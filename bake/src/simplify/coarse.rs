@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use glam::Vec3;
 
 use super::pictures::{Change, Pictures};
+use super::rebuild::PicturedLevel;
 use super::{Action, Simplifier, attributes};
 
 /// Points from which on pictures choose.
@@ -26,10 +27,10 @@ const WAY_SHARES: [f32; 2] = [0.35, 0.7];
 const MOVE_POINTS: usize = 65;
 /// Triangles of the level at which all points are fitted together, how often at most, by which lengths, and the share of
 /// the wrong area from which another round gains too little.
-const SETTLED_TRIANGLES: usize = 40;
+pub(super) const SETTLED_TRIANGLES: usize = 40;
 const SETTLE_ROUNDS: usize = 4;
-const SETTLE_MOVES: [f32; 3] = [0.03, 0.015, 0.0075];
-const SETTLED_SHARE: f64 = 0.99;
+pub(super) const SETTLE_MOVES: [f32; 3] = [0.03, 0.015, 0.0075];
+pub(super) const SETTLED_SHARE: f64 = 0.99;
 /// What pictures do not see (other poses and sides, light) adds to the error.
 const UNSEEN: f64 = 1.1;
 /// Range of [`Coarse::error_factor`] before that; real characters have 0.40 to 0.53.
@@ -39,6 +40,7 @@ const ERROR_FACTORS: [f64; 2] = [0.3, 0.7];
 const TWIN_WEIGHT: f64 = 4.0;
 
 /// What pictures need between collapses.
+#[derive(Clone)]
 pub(super) struct Coarse {
     pub pictures: Pictures,
     /// Living faces, by index.
@@ -50,6 +52,8 @@ pub(super) struct Coarse {
     pub error_factor: f64,
     /// All points have been fitted together at [`SETTLED_TRIANGLES`].
     pub settled: bool,
+    /// The levels that pictures chose.
+    pub levels: Vec<PicturedLevel>,
 }
 
 impl Simplifier<'_> {
@@ -93,7 +97,7 @@ impl Simplifier<'_> {
         }
     }
 
-    fn forget_dead_faces(&mut self) {
+    pub(super) fn forget_dead_faces(&mut self) {
         let faces = &self.surface.faces;
         if self.coarse.faces.is_empty() {
             self.coarse.faces = (0..faces.len() as u32).collect();
@@ -304,16 +308,21 @@ impl Simplifier<'_> {
         self.learn();
     }
 
+    /// Triangles of the level, those that are the same counted once.
+    pub(super) fn drawn(&mut self) -> usize {
+        self.forget_dead_faces();
+        let faces = self.coarse.faces.iter();
+        let drawn = faces.map(|&f| least_first(self.surface.faces[f as usize].wedges));
+        drawn.collect::<HashSet<_>>().len()
+    }
+
     /// Fits all points together, several times, at the level that is asked for most. Each wedge that is replaced, with the one
     /// that takes its place.
     pub(super) fn settle(&mut self) -> Vec<(u32, u32)> {
         if !self.pictured() || self.coarse.settled {
             return Vec::new();
         }
-        self.forget_dead_faces();
-        let faces = self.coarse.faces.iter();
-        let drawn = faces.map(|&f| least_first(self.surface.faces[f as usize].wedges));
-        if drawn.collect::<HashSet<_>>().len() > SETTLED_TRIANGLES {
+        if self.drawn() > SETTLED_TRIANGLES {
             return Vec::new();
         }
         self.coarse.settled = true;
@@ -362,7 +371,7 @@ impl Simplifier<'_> {
 }
 
 /// The same triangle, its smallest corner first.
-fn least_first(c: [u32; 3]) -> [u32; 3] {
+pub(super) fn least_first(c: [u32; 3]) -> [u32; 3] {
     let first = (0..3).min_by_key(|&i| c[i]).unwrap_or(0);
     [0, 1, 2].map(|i| c[(first + i) % 3])
 }

@@ -16,7 +16,12 @@ pub fn triangles_at(mesh: &Mesh, sequence: &CollapseSequence, step_count: usize)
         v
     };
     let same = |a: u32, b: u32| a == b || at_one_position(mesh, a, b);
-    mesh.triangles
+    let replaced = sequence
+        .replacement
+        .as_ref()
+        .filter(|r| step_count > r.step);
+    replaced
+        .map_or(&mesh.triangles, |r| &r.triangles)
         .iter()
         .map(|t| t.map(living))
         .filter(|&[a, b, c]| !same(a, b) && !same(b, c) && !same(c, a))

@@ -53,6 +53,7 @@ impl Look {
 }
 
 /// The textures of a mesh, from which its faces have their looks.
+#[derive(Clone)]
 pub(super) struct Looks {
     /// `[layer][TEXELS * TEXELS]`, gamma space.
     layers: Vec<Vec<Vec4>>,

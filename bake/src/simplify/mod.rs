@@ -10,13 +10,17 @@ mod attributes;
 mod coarse;
 mod extract;
 mod lanes;
+mod limbs;
 mod links;
 mod looks;
 mod pictures;
 mod poses;
 mod quadric;
+mod rebuild;
 mod refit;
+mod rig;
 mod samples;
+mod shapes;
 mod surface;
 mod textures;
 mod visibility;
@@ -33,11 +37,13 @@ use lanes::{Lanes, Vec3Lanes, read};
 use looks::Looks;
 use pictures::Pictures;
 use quadric::Quadrics;
+use rebuild::PicturedLevel;
 use samples::Samples;
 use surface::Surface;
 
 pub use extract::triangles_at;
 pub use poses::{Pose, PoseSet};
+pub use rig::Rig;
 
 /// Weight of the quadrics' cost beside the measured one: it sees what samples miss, and tells equals apart.
 const QUADRIC_WEIGHT: f64 = 0.03;
@@ -88,6 +94,7 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
             swept: None,
             error_factor: 0.0,
             settled: false,
+            levels: Vec::new(),
         },
         surface,
         quadrics,
@@ -102,21 +109,12 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
     for point in 0..simplifier.stamps.len() as u32 {
         simplifier.propose(point);
     }
-    while let Some(best) = simplifier.heap.pop() {
-        if best.stamp != simplifier.stamps[best.point as usize] {
-            continue;
-        }
-        match best.action {
-            Action::Collapse { .. } if simplifier.out_of_date(best.point) => {
-                simplifier.propose(best.point);
-            }
-            // Faces may have grown since, then it costs more by now; or one of the wedges died with its last face.
-            Action::Twin { .. } if simplifier.twin_out_of_date(&best) => {
-                simplifier.enqueue(best.point);
-            }
-            _ => simplifier.perform(best),
-        }
+    while !simplifier.coarse.settled && simplifier.perform_next() {}
+    let collapsed = simplifier.clone();
+    if !simplifier.rebuild(&poses.rig) {
+        simplifier = collapsed;
     }
+    while simplifier.perform_next() {}
     simplifier.finish(mesh)
 }
 
@@ -166,6 +164,7 @@ impl PartialOrd for Proposal {
     }
 }
 
+#[derive(Clone)]
 struct Simplifier<'a> {
     surface: Surface<'a>,
     quadrics: Quadrics,
@@ -195,6 +194,27 @@ struct Simplifier<'a> {
 }
 
 impl<'a> Simplifier<'a> {
+    /// Carries out the cheapest action, or looks at it again where it is out of date; false where there is none.
+    fn perform_next(&mut self) -> bool {
+        let Some(best) = self.heap.pop() else {
+            return false;
+        };
+        if best.stamp != self.stamps[best.point as usize] {
+            return true;
+        }
+        match best.action {
+            Action::Collapse { .. } if self.out_of_date(best.point) => {
+                self.propose(best.point);
+            }
+            // Faces may have grown since, then it costs more by now; or one of the wedges died with its last face.
+            Action::Twin { .. } if self.twin_out_of_date(&best) => {
+                self.enqueue(best.point);
+            }
+            _ => self.perform(best),
+        }
+        true
+    }
+
     /// Looks for the best collapse of `point` and puts its best action into the queue.
     fn propose(&mut self, point: u32) {
         self.dirty[point as usize] = false;
@@ -382,6 +402,13 @@ impl<'a> Simplifier<'a> {
         // The diagonal is 1 here.
         let error = if self.pictured() {
             let wrong = self.wrong();
+            let level = PicturedLevel {
+                first_step: self.surface.sequence.steps.len(),
+                vertex_count: self.surface.mesh.vertex_count(),
+                triangles: self.drawn(),
+                wrong,
+            };
+            self.coarse.levels.push(level);
             match self.coarse.faces.is_empty() {
                 // Pictures see but an area; a character that is gone is off by half its size.
                 true => GONE_ERROR,

@@ -4,6 +4,9 @@
 //! is a small part of a surface. Collapses are then chosen by pictures (Lindstrom & Turk 2000): area of wrong outline and of
 //! wrong colour, each collapse compared in the part of the pictures that it changes.
 
+mod fit;
+mod raster;
+
 use std::cell::RefCell;
 
 use glam::{Vec3, Vec4};
@@ -13,6 +16,8 @@ use crate::mesh::Mesh;
 
 use super::looks::Looks;
 use super::surface::{Surface, cross, dot};
+
+use raster::raster;
 
 /// Pixels in a row and a column of a picture. The character's diagonal is as long as one.
 const SIZE: usize = 48;
@@ -38,10 +43,13 @@ const HEAD_SHARE: f32 = 0.2;
 const HEAD_COUNT: f32 = 3.0;
 /// Pixels around a head that count as much.
 const HEAD_REACH: isize = 2;
+/// What three channels count each: together they make one contrast.
+const CHANNEL: f32 = 0.577;
 /// Depth of a pixel that shows nothing.
 const NOTHING: f32 = f32::MIN;
 
 /// The pictures of the full mesh, and what is needed to make those of a level.
+#[derive(Clone)]
 pub(super) struct Pictures {
     views: Vec<View>,
     /// Poses that are looked at, by index into the surface's.
@@ -97,6 +105,13 @@ struct Rectangle {
     high: [usize; 2],
 }
 
+/// The whole picture.
+const ALL: Rectangle = Rectangle {
+    low: [0; 2],
+    high: [SIZE; 2],
+};
+
+#[derive(Clone)]
 struct View {
     /// Index into the surface's poses, and into those that are looked at.
     pose: usize,
@@ -211,6 +226,23 @@ impl Pictures {
         }
     }
 
+    /// Learns where new points are.
+    pub fn place_new(&mut self, surface: &Surface) {
+        for view in &mut self.views {
+            for p in view.places.len()..surface.faces_of.len() {
+                let place = view.project(surface.posed_of(p as u32), surface);
+                view.places.push(place);
+            }
+        }
+    }
+
+    /// Forgets the points from `count` on.
+    pub fn forget_places(&mut self, count: usize) {
+        for view in &mut self.views {
+            view.places.truncate(count);
+        }
+    }
+
     /// Learns where `point` is.
     pub fn place(&mut self, surface: &Surface, point: u32) {
         for view in &mut self.views {
@@ -228,21 +260,22 @@ impl Pictures {
         out
     }
 
+    /// Forgets what wedges look like from `first` on.
+    pub fn forget_looks(&mut self, first: usize) {
+        self.shades.truncate(first);
+    }
+
     /// Area of what is wrong in the pictures of the level that `faces` are, mean over all.
     pub fn wrong(&self, surface: &Surface, faces: &[u32]) -> f64 {
-        let all = Rectangle {
-            low: [0; 2],
-            high: [SIZE; 2],
-        };
         let each: Vec<f64> = (self.views.par_iter())
             .map(|view| {
                 let mut pixels = vec![EMPTY; SIZE * SIZE];
                 for &f in faces {
                     let face = &surface.faces[f as usize];
                     let corners = face.points.map(|p| view.places[p as usize]);
-                    self.draw(view, surface, corners, face.wedges, all, &mut pixels);
+                    self.draw(view, surface, corners, face.wedges, ALL, &mut pixels);
                 }
-                view.weight as f64 * view.wrong(&pixels, all)
+                view.weight as f64 * view.wrong(&pixels, ALL)
             })
             .collect();
         each.iter().sum()
@@ -396,10 +429,6 @@ impl View {
     }
 
     fn render_full(&self, surface: &Surface, looks: &Looks, lights: &[[f32; POSES]]) -> Vec<Pixel> {
-        let all = Rectangle {
-            low: [0; 2],
-            high: [SIZE; 2],
-        };
         let mut pixels = vec![EMPTY; SIZE * SIZE];
         for face in &surface.faces {
             let m = &surface.mesh;
@@ -411,7 +440,7 @@ impl View {
             let submesh = m.submesh[face.wedges[0] as usize] as usize;
             let cutoff = m.submeshes[submesh].alpha_cutoff.unwrap_or(0.0);
             let sides = double_sided(surface, face.wedges[0]);
-            raster(corners, sides, all, |span| {
+            raster(corners, sides, ALL, |span| {
                 for (i, pixel) in pixels[span.first..span.first + span.len]
                     .iter_mut()
                     .enumerate()
@@ -434,10 +463,6 @@ impl View {
 
     /// Which pixels show a head.
     fn head_pixels(&self, surface: &Surface) -> Vec<bool> {
-        let all = Rectangle {
-            low: [0; 2],
-            high: [SIZE; 2],
-        };
         let mut out = vec![false; SIZE * SIZE];
         for face in surface
             .faces
@@ -447,7 +472,7 @@ impl View {
             let corners = face
                 .points
                 .map(|p| self.project(surface.posed_of(p), surface));
-            raster(corners, true, all, |span| {
+            raster(corners, true, ALL, |span| {
                 let depths = corners.map(|c| c[2]);
                 for i in 0..span.len {
                     let depth: f32 = (0..3)
@@ -512,8 +537,7 @@ impl Reach {
 }
 
 fn shade(color: Vec4, light: f32, part: f32) -> Vec4 {
-    // Three channels make one contrast.
-    (color.truncate() * (light * 0.577)).extend(part)
+    (color.truncate() * (light * CHANNEL)).extend(part)
 }
 
 /// A number for a body part; those of different parts are apart.
@@ -526,79 +550,4 @@ fn double_sided(surface: &Surface, wedge: u32) -> bool {
         submesh, submeshes, ..
     } = &surface.mesh;
     submeshes[submesh[wedge as usize] as usize].double_sided
-}
-
-/// A row of pixels that a triangle covers: index of the first, how many, barycentric coordinates in the middle of the first
-/// and how they change from one to the next.
-struct Span {
-    first: usize,
-    len: usize,
-    at: [f32; 3],
-    step: [f32; 3],
-}
-
-/// Calls `row` for the pixels of `area` whose middle a triangle covers; not at all where it shows its back, unless it has no
-/// back.
-fn raster(
-    [a, b, c]: [[f32; 3]; 3],
-    double_sided: bool,
-    area: Rectangle,
-    mut row: impl FnMut(Span),
-) {
-    let outside = |k: usize| {
-        a[k].max(b[k]).max(c[k]) < area.low[k] as f32
-            || a[k].min(b[k]).min(c[k]) > area.high[k] as f32
-    };
-    if outside(0) || outside(1) {
-        return;
-    }
-    let (ab, ac) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-    let twice = ab[0] * ac[1] - ab[1] * ac[0];
-    // Written so that what is not a number is not drawn.
-    let visible = twice > 0.0 || (double_sided && twice < 0.0);
-    if !visible {
-        return;
-    }
-    let range = |k: usize| {
-        // A number rounded down is a whole one that is not less.
-        let low = (a[k].min(b[k]).min(c[k]) + 0.5).max(0.0) as usize;
-        let high = (a[k].max(b[k]).max(c[k]) + 0.5).max(0.0) as usize;
-        low.max(area.low[k])..high.min(area.high[k])
-    };
-    let inverse = 1.0 / twice;
-    let (du, dv) = (ac[1] * inverse, -ab[1] * inverse);
-    let step = [-du - dv, du, dv];
-    let per_step = step.map(|d| 1.0 / d);
-    let columns = range(0);
-    let px = columns.start as f32 + 0.5 - a[0];
-    let width = columns.len() as f32 - 1.0;
-    for y in range(1) {
-        let py = y as f32 + 0.5 - a[1];
-        let u = (px * ac[1] - py * ac[0]) * inverse;
-        let v = (ab[0] * py - ab[1] * px) * inverse;
-        let at = [1.0 - u - v, u, v];
-        // Columns in which no coordinate is negative.
-        let (mut low, mut high) = (0.0f32, width);
-        for k in 0..3 {
-            let zero = -at[k] * per_step[k];
-            if step[k] > 0.0 {
-                low = low.max(zero);
-            } else if step[k] < 0.0 {
-                high = high.min(zero);
-            } else if at[k] < 0.0 {
-                high = -1.0;
-            }
-        }
-        // The next whole number; none of them is negative.
-        let whole = low as usize as f32;
-        let low = if whole < low { whole + 1.0 } else { whole };
-        if high >= low {
-            row(Span {
-                first: y * SIZE + columns.start + low as usize,
-                len: (high - low) as usize + 1,
-                at: [0, 1, 2].map(|k| at[k] + step[k] * low),
-                step,
-            });
-        }
-    }
 }

@@ -7,6 +7,8 @@ use crate::impostor::groups::names_head;
 use crate::mesh::Mesh;
 use crate::pose;
 
+use super::rig::Rig;
+
 /// Frames of every clip that are looked at before some are chosen.
 const FRAMES_PER_CLIP: usize = 8;
 /// Frames that are looked at over all clips.
@@ -36,6 +38,8 @@ pub struct PoseSet {
     pub rest: Vec<Affine3A>,
     /// Per palette joint: it moves a head, which people look at. Joints beyond the end do not.
     pub heads: Vec<bool>,
+    /// How the joints make limbs; none where there are no joints to speak of.
+    pub rig: Rig,
 }
 
 impl PoseSet {
@@ -75,6 +79,7 @@ impl PoseSet {
         Self {
             rest: if known { rest } else { Vec::new() },
             heads: heads(character),
+            rig: Rig::of(character, mesh),
             ..Self::among(candidates, mesh, count)
         }
     }

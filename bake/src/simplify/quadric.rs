@@ -9,6 +9,7 @@ const COEFFICIENTS: usize = 10;
 const BORDER_WEIGHT: f64 = 1.0;
 
 /// Area-weighted sums of squared distances to planes.
+#[derive(Clone)]
 pub(super) struct Quadrics {
     pose_count: usize,
     pose_weights: Vec<f64>,
@@ -96,6 +97,12 @@ impl Quadrics {
         for (i, product) in products.into_iter().enumerate() {
             self.values[base + i * self.pose_count] += weight * product;
         }
+    }
+
+    /// Makes room for `points`, of which the new ones stand for nothing.
+    pub fn resize(&mut self, points: usize) {
+        self.values
+            .resize(points * COEFFICIENTS * self.pose_count, 0.0);
     }
 
     /// `to` takes over what `from` stands for.

@@ -29,8 +29,11 @@ const LOOKS_LEAST: f64 = 2e-4;
 /// Weight of faces that stand out over the full surface, against samples that the surface is off from.
 const OVERHANG_WEIGHT: f64 = 4.0;
 
+#[derive(Clone)]
 pub(super) struct Samples {
     looks: Looks,
+    /// Share of each face of the full mesh that is seen.
+    pub visibility: Vec<f32>,
     pose_count: usize,
     /// `[sample][3][pose_count]`.
     posed: Vec<f32>,
@@ -55,7 +58,7 @@ pub(super) struct Samples {
 }
 
 /// The samples that a collapse concerns, and where they would go.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Trial {
     samples: Vec<u32>,
     /// Parallel to `samples`.
@@ -100,12 +103,12 @@ impl Samples {
             of_face: Vec::with_capacity(surface.faces.len()),
             overhangs: vec![0.0; surface.faces.len()],
             trial: Trial::default(),
+            visibility: visibility(surface),
             looks,
             total: [0.0; 2],
             area: 0.0,
             look_weight: LOOKS_LENGTH * LOOKS_LEAST,
         };
-        let visibility = visibility(surface);
         for p in 0..points as u32 {
             for axis in surface.at(p) {
                 s.posed.extend_from_slice(axis);
@@ -126,8 +129,8 @@ impl Samples {
             }
             let hs = HIDDEN_SHARE;
             let weight = [
-                surface.areas[i] * (hs + (1.0 - hs) * visibility[i]),
-                surface.areas[i] * visibility[i],
+                surface.areas[i] * (hs + (1.0 - hs) * s.visibility[i]),
+                surface.areas[i] * s.visibility[i],
             ];
             for p in face.points {
                 for (w, x) in s.weights[p as usize].iter_mut().zip(weight) {
@@ -143,6 +146,45 @@ impl Samples {
         }
         s.area = s.weights.iter().map(|w| w[0] as f64).sum();
         s
+    }
+
+    /// Begins anew with other faces: every sample goes to the nearest of those that live.
+    pub fn restart(&mut self, surface: &Surface) {
+        self.of_face = vec![Vec::new(); surface.faces.len()];
+        self.overhangs = vec![0.0; surface.faces.len()];
+        let trial = &mut self.trial;
+        trial.samples = (0..self.look.len() as u32).collect();
+        trial.faces = (0..surface.faces.len() as u32)
+            .filter(|&f| surface.faces[f as usize].alive)
+            .map(|face| TrialFace {
+                face,
+                points: surface.faces[face as usize].points,
+                wedges: surface.faces[face as usize].wedges,
+            })
+            .collect();
+        trial.new_faces = 0;
+        trial.overhangs.clear();
+        let none = Nearest {
+            mean: f32::MAX,
+            face: u32::MAX,
+        };
+        trial.best = vec![none; trial.samples.len()];
+        for i in 0..self.trial.faces.len() {
+            let points = self.trial.faces[i].points;
+            self.measure(surface, i as u32, points);
+        }
+        self.total = [0.0; 2];
+        for i in 0..self.trial.samples.len() {
+            let new = [self.trial.best[i].mean, self.contrast(surface, i)];
+            self.deviations[i] = new;
+            let terms = self.weights[i].iter().zip(new);
+            for (total, (weight, new)) in self.total.iter_mut().zip(terms) {
+                *total += (weight * new) as f64;
+            }
+            if let Some(face) = self.trial.faces.get(self.trial.best[i].face as usize) {
+                self.of_face[face.face as usize].push(i as u32);
+            }
+        }
     }
 
     pub fn looks(&self) -> &Looks {

@@ -31,6 +31,7 @@ impl Face {
 }
 
 /// Points and their neighbourhoods. Lengths are in shares of the character's size, so that constants hold for any unit.
+#[derive(Clone)]
 pub(super) struct Surface<'a> {
     /// The full mesh, and behind its vertices those that refits have made.
     pub mesh: Mesh,
@@ -44,6 +45,8 @@ pub(super) struct Surface<'a> {
     heads: &'a [bool],
     /// Box of the full mesh in each pose: low and high corner.
     pub boxes: Vec<[[f32; 3]; 2]>,
+    /// What stands at this surface's origin in the poses, `[3][pose_count]`.
+    origins: Vec<f32>,
     /// Length in this surface's unit of one in the poses.
     scale: f32,
     /// Poses, a multiple of [`LANES`]; the last ones may be the one at rest and some to fill up, with a weight of 0.
@@ -109,6 +112,7 @@ impl<'a> Surface<'a> {
             group_count: poses.poses.len().div_ceil(LANES),
             heads: &poses.heads,
             boxes: Vec::new(),
+            origins: Vec::new(),
             scale: 1.0,
             pose_count,
             pose_weights,
@@ -150,6 +154,7 @@ impl<'a> Surface<'a> {
             1.0
         };
         // Relative to the first pose's first vertex, so that a character far from its origin loses no digits.
+        self.origins = self.posed.get(..3 * n).unwrap_or_default().to_vec();
         for axis in 0..3 {
             for k in 0..n {
                 let origin = self.posed[axis * n + k];
@@ -241,6 +246,39 @@ impl<'a> Surface<'a> {
     pub fn way(&self, from: u32, to: u32) -> Vec3 {
         let at = |p: u32| self.mesh.positions[self.wedges_of[p as usize][0] as usize];
         at(to) - at(from)
+    }
+
+    /// A new point where a vertex stands that is at `at` in bind space, without faces. The vertex is like `wedge` but for its
+    /// skinning.
+    pub fn add_point(&mut self, wedge: u32, at: Vec3, joints: [u8; 4], weights: [f32; 4]) -> u32 {
+        let point = self.faces_of.len() as u32;
+        let new = self.add_wedge(wedge);
+        let (m, i) = (&mut self.mesh, new as usize);
+        (m.positions[i], m.joints[i], m.weights[i]) = (at, joints, weights);
+        self.point_of_wedge[i] = point;
+        self.faces_of.push(Vec::new());
+        self.links.push(Vec::new());
+        self.wedges_of.push(vec![new]);
+        let n = self.pose_count;
+        let mut posed = vec![0.0; 3 * n];
+        for k in 0..n {
+            let palette = self.palettes[k.min(self.palettes.len() - 1)];
+            let p = pose::skin(palette, joints.map(u16::from), weights, at);
+            for (axis, x) in p.to_array().into_iter().enumerate() {
+                posed[axis * n + k] = (x - self.origins[axis * n + k]) * self.scale;
+            }
+        }
+        self.posed.extend(posed);
+        point
+    }
+
+    /// Takes the points from `count` on away again, and their vertices from `vertex_count` on.
+    pub fn drop_points(&mut self, count: usize, vertex_count: usize) {
+        self.faces_of.truncate(count);
+        self.links.truncate(count);
+        self.wedges_of.truncate(count);
+        self.posed.truncate(count * 3 * self.pose_count);
+        self.drop_wedges(vertex_count);
     }
 
     /// A new vertex at the point of `wedge` and like it.

@@ -93,7 +93,10 @@ pub fn random_sequence(mesh: &Mesh, seed: u64) -> CollapseSequence {
             .for_each(|c| *c = target);
         alive.retain(|&c| c != v);
     }
-    CollapseSequence { steps }
+    CollapseSequence {
+        steps,
+        replacement: None,
+    }
 }
 
 /// A character of two joints, the second swinging in a clip of one second.
