@@ -34,6 +34,8 @@ pub(super) struct Samples {
     looks: Looks,
     /// Share of each face of the full mesh that is seen.
     pub visibility: Vec<f32>,
+    /// Points of the full mesh: the first samples stand at them.
+    point_count: u32,
     pose_count: usize,
     /// `[sample][3][pose_count]`.
     posed: Vec<f32>,
@@ -94,6 +96,7 @@ impl Samples {
         let n = surface.pose_count;
         let points = surface.faces_of.len();
         let mut s = Self {
+            point_count: points as u32,
             pose_count: n,
             posed: Vec::with_capacity((points + surface.faces.len()) * 3 * n),
             weights: vec![[0.0; 2]; points],
@@ -202,7 +205,9 @@ impl Samples {
     ) -> f64 {
         let trial = &mut self.trial;
         trial.samples.clear();
-        trial.samples.push(point);
+        if point < self.point_count {
+            trial.samples.push(point);
+        }
         trial.faces.clear();
         for &f in &surface.faces_of[point as usize] {
             trial.samples.extend(&self.of_face[f as usize]);
