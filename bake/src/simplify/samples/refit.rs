@@ -75,7 +75,7 @@ impl Samples {
         step.is_finite().then_some(step)
     }
 
-    /// Change of area times squared deviation now that `point` has moved; [`Samples::commit_place`] keeps it.
+    /// Change of area times squared deviation now that `point` has moved; [`Samples::commit_collapse`] keeps it.
     pub fn try_place(&mut self, surface: &Surface, point: u32) -> f64 {
         let trial = &mut self.trial;
         trial.samples.clear();
