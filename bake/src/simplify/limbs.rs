@@ -35,6 +35,8 @@ const LEAST_CONTRAST: f32 = 0.1;
 const NODE_GAP: f32 = 0.2;
 /// Most samples of a piece.
 const SAMPLES_MAX: usize = 800;
+/// Fewest groups of joints that say what limbs are.
+const LEAST_GROUPS: usize = 3;
 /// Least share of the surface of a piece.
 const LEAST_SHARE: f32 = 0.012;
 
@@ -73,133 +75,152 @@ pub(super) enum Kind {
 /// The pieces of `mesh`, the trunk first; none where the rig says nothing. `seen` is the share of each triangle that is seen.
 pub(super) fn pieces(mesh: &Mesh, looks: &Looks, rig: &Rig, seen: &[f32]) -> Vec<Piece> {
     let samples = samples(mesh, looks, rig, seen);
-    let count = rig.groups.len();
-    if count < 3 || samples.is_empty() {
+    if rig.groups.len() < LEAST_GROUPS || samples.is_empty() {
         return Vec::new();
     }
-    let parents = parents(&samples, rig);
-    let mut children = vec![Vec::new(); count];
-    for (g, parent) in parents.iter().enumerate() {
-        if let Some(p) = parent {
-            children[*p].push(g);
-        }
-    }
-    let mut own: Vec<Vec<LimbSample>> = vec![Vec::new(); count];
-    for s in &samples {
-        own[s.group].push(*s);
-    }
-    let is_head = |g: usize| rig.groups[g].is_head;
-    // The trunk: all that branches, and what lies between.
-    let mut in_trunk = vec![false; count];
-    for g in 0..count {
-        in_trunk[g] = children[g].len() > 1 && !is_head(g);
-    }
-    let first = |g: usize| {
-        std::iter::successors(Some(g), |&g| parents[g])
-            .take(count)
-            .collect::<Vec<_>>()
-    };
-    let branching: Vec<usize> = (0..count).filter(|&g| in_trunk[g]).collect();
-    for g in branching {
-        for a in first(g) {
-            in_trunk[a] = true;
-        }
-    }
-    if !in_trunk.contains(&true) {
-        return Vec::new();
-    }
-    let mut limbs: Vec<Vec<usize>> = Vec::new();
-    let mut heads: Vec<usize> = Vec::new();
-    for g in 0..count {
-        if in_trunk[g] || !parents[g].is_some_and(|p| in_trunk[p]) {
-            continue;
-        }
-        // Nothing branches from here on but heads.
-        let (mut limb, mut at) = (Vec::new(), Some(g));
-        while let Some(g) = at {
-            if is_head(g) {
-                heads.push(g);
-                break;
-            }
-            limb.push(g);
-            at = children[g].first().copied();
-        }
-        if !limb.is_empty() {
-            limbs.push(limb);
-        }
-    }
-    let total: f32 = samples.iter().map(|s| s.weight).sum();
-    let weight = |s: &[LimbSample]| s.iter().map(|s| s.weight).sum::<f32>();
-    let mut trunk: Vec<LimbSample> = (0..count)
-        .filter(|&g| in_trunk[g])
-        .flat_map(|g| own[g].clone())
-        .collect();
-    let mut out = Vec::new();
-    let axis = long_axis(&trunk);
-    let clothes = main_parts(&trunk);
-    for limb in limbs {
-        let mut mine: Vec<LimbSample> = limb.iter().flat_map(|&g| own[g].clone()).collect();
-        let first = [limb[0], limb[1.min(limb.len() - 1)]].map(|g| rig.groups[g].origin);
-        if (first[1] - first[0]).normalize_or_zero().dot(axis).abs() > HANGS {
-            // Skirts and hems hang about the legs that move them.
-            let all = weight(&mine);
-            let of = |part: u8| {
-                mine.iter()
-                    .filter(|s| s.part == part)
-                    .map(|s| s.weight)
-                    .sum::<f32>()
-            };
-            let skirts: Vec<u8> = clothes
-                .iter()
-                .copied()
-                .filter(|&p| of(p) < HEM_SHARE * all)
-                .collect();
-            trunk.extend(mine.iter().filter(|s| skirts.contains(&s.part)));
-            mine.retain(|s| !skirts.contains(&s.part));
-        }
-        if weight(&mine) < LEAST_SHARE * total || limb.len() == 1 && !stands_out(&mine, &trunk) {
-            trunk.append(&mut mine);
-            continue;
-        }
-        let mut nodes: Vec<Vec3> = limb.iter().map(|&g| rig.groups[g].origin).collect();
-        let last = &own[limb[limb.len() - 1]];
-        let tip = if last.is_empty() {
-            nodes[nodes.len() - 1]
-        } else {
-            mean(last)
-        };
-        let head = heads.iter().find(|&&h| parents[h] == limb.last().copied());
-        match head {
-            Some(&h) => nodes.push(rig.groups[h].origin),
-            None => {
-                let from = nodes[nodes.len() - 1];
-                nodes.push(from + 2.0 * (tip - from));
-            }
-        }
-        let lengths: Vec<f32> = nodes.windows(2).map(|n| n[0].distance(n[1])).collect();
-        let rest = lengths[1..].iter().sum::<f32>() / (lengths.len() - 1).max(1) as f32;
-        if limb.len() > 1 && lengths[0] < SHORT * rest {
-            trunk.extend(mine.iter().filter(|s| s.group == limb[0]).copied());
-            mine.retain(|s| s.group != limb[0]);
-            nodes.remove(0);
-        }
-        out.extend(Piece::along(nodes, mine, Kind::Limb, head.is_none()));
-    }
-    for head in heads {
-        let mine = &own[head];
-        if mine.is_empty() {
-            continue;
-        }
-        let from = rig.groups[head].origin;
-        out.extend(Piece::straight(mean(mine) - from, mine.clone(), Kind::Head));
-    }
+    let body = Body::new(&samples, rig);
+    let mut trunk = body.samples_of(|g| body.in_trunk[g]);
     if trunk.is_empty() {
         return Vec::new();
     }
-    let axis = long_axis(&trunk);
-    let trunk = Piece::straight(axis, trunk, Kind::Trunk);
+    let (limbs, heads) = body.limbs(rig);
+    let clothes = Clothes {
+        axis: long_axis(&trunk),
+        parts: main_parts(&trunk),
+    };
+    let least = LEAST_SHARE * weight(&samples);
+    let mut out = Vec::new();
+    for limb in limbs {
+        let head = heads.iter().copied();
+        let head = head.filter(|&h| body.parents[h] == limb.last().copied());
+        let end = head.map(|h| rig.groups[h].origin).next();
+        out.extend(body.limb(rig, &limb, end, &clothes, least, &mut trunk));
+    }
+    for head in heads {
+        let samples = body.samples_of(|g| g == head);
+        let axis = mean(&samples) - rig.groups[head].origin;
+        out.extend(Piece::straight(axis, samples, Kind::Head));
+    }
+    let trunk = Piece::straight(long_axis(&trunk), trunk, Kind::Trunk);
     out.splice(0..0, trunk);
     out
+}
+
+/// What the trunk is like, for what may belong to it elsewhere.
+struct Clothes {
+    axis: Vec3,
+    /// Body parts that much of it shows.
+    parts: Vec<u8>,
+}
+
+/// The groups of a rig as a body.
+struct Body {
+    parents: Vec<Option<usize>>,
+    children: Vec<Vec<usize>>,
+    /// All that branches, but heads, and what lies between.
+    in_trunk: Vec<bool>,
+    /// Samples of each group.
+    own: Vec<Vec<LimbSample>>,
+}
+
+impl Body {
+    fn new(samples: &[LimbSample], rig: &Rig) -> Self {
+        let count = rig.groups.len();
+        let parents = parents(samples, rig);
+        let mut children = vec![Vec::new(); count];
+        for (g, parent) in parents.iter().enumerate() {
+            if let Some(p) = parent {
+                children[*p].push(g);
+            }
+        }
+        let mut own = vec![Vec::new(); count];
+        for s in samples {
+            own[s.group].push(*s);
+        }
+        let mut in_trunk = vec![false; count];
+        for g in (0..count).filter(|&g| children[g].len() > 1 && !rig.groups[g].is_head) {
+            for above in std::iter::successors(Some(g), |&g| parents[g]).take(count) {
+                in_trunk[above] = true;
+            }
+        }
+        Self {
+            parents,
+            children,
+            in_trunk,
+            own,
+        }
+    }
+
+    fn samples_of(&self, of: impl Fn(usize) -> bool) -> Vec<LimbSample> {
+        let groups = (0..self.own.len()).filter(|&g| of(g));
+        groups.flat_map(|g| self.own[g].iter().copied()).collect()
+    }
+
+    /// The chains of groups that hang in the trunk, and the heads that they or the trunk end in.
+    fn limbs(&self, rig: &Rig) -> (Vec<Vec<usize>>, Vec<usize>) {
+        let (mut limbs, mut heads) = (Vec::new(), Vec::new());
+        for g in 0..self.parents.len() {
+            if self.in_trunk[g] || !self.parents[g].is_some_and(|p| self.in_trunk[p]) {
+                continue;
+            }
+            // Nothing branches from here on but heads.
+            let (mut limb, mut at) = (Vec::new(), Some(g));
+            while let Some(g) = at {
+                if rig.groups[g].is_head {
+                    heads.push(g);
+                    break;
+                }
+                limb.push(g);
+                at = self.children[g].first().copied();
+            }
+            if !limb.is_empty() {
+                limbs.push(limb);
+            }
+        }
+        (limbs, heads)
+    }
+
+    /// The piece of a chain of groups that ends at `end`, or where its samples do. What belongs to the trunk, perhaps all of
+    /// it, goes there.
+    fn limb(
+        &self,
+        rig: &Rig,
+        limb: &[usize],
+        end: Option<Vec3>,
+        clothes: &Clothes,
+        least: f32,
+        trunk: &mut Vec<LimbSample>,
+    ) -> Option<Piece> {
+        let mut mine = self.samples_of(|g| limb.contains(&g));
+        let mut nodes: Vec<Vec3> = limb.iter().map(|&g| rig.groups[g].origin).collect();
+        let along = nodes.get(1).map_or(Vec3::ZERO, |&n| n - nodes[0]);
+        if along.normalize_or_zero().dot(clothes.axis).abs() > HANGS {
+            // Skirts and hems hang about the legs that move them.
+            let share = HEM_SHARE * weight(&mine);
+            let of = |part: u8| mine.iter().filter(move |s| s.part == part);
+            let of = |part: u8| of(part).map(|s| s.weight).sum::<f32>();
+            let hems = clothes.parts.iter().copied();
+            let hems: Vec<u8> = hems.filter(|&p| of(p) < share).collect();
+            trunk.extend(mine.iter().filter(|s| hems.contains(&s.part)));
+            mine.retain(|s| !hems.contains(&s.part));
+        }
+        if weight(&mine) < least || limb.len() == 1 && !stands_out(&mine, trunk) {
+            trunk.append(&mut mine);
+            return None;
+        }
+        let last = *nodes.last()?;
+        let tip = self.samples_of(|g| limb.last() == Some(&g));
+        let tip = if tip.is_empty() { last } else { mean(&tip) };
+        nodes.push(end.unwrap_or(last + 2.0 * (tip - last)));
+        let lengths: Vec<f32> = nodes.windows(2).map(|n| n[0].distance(n[1])).collect();
+        let rest = lengths[1..].iter().sum::<f32>() / (lengths.len() - 1).max(1) as f32;
+        if lengths[0] < SHORT * rest {
+            trunk.extend(mine.iter().filter(|s| s.group == limb[0]));
+            mine.retain(|s| s.group != limb[0]);
+            nodes.remove(0);
+        }
+        Piece::along(nodes, mine, Kind::Limb, end.is_none())
+    }
 }
 
 impl Piece {
@@ -352,6 +373,10 @@ fn main_parts(samples: &[LimbSample]) -> Vec<u8> {
     (0..=u8::MAX)
         .filter(|&p| weights[p as usize] > least)
         .collect()
+}
+
+fn weight(samples: &[LimbSample]) -> f32 {
+    samples.iter().map(|s| s.weight).sum()
 }
 
 fn mean(samples: &[LimbSample]) -> Vec3 {
