@@ -18,6 +18,7 @@
 #define IMPOSTOR_FADES_OUT 0x80000000u
 // The bin of all characters' agents that are one quad.
 #define QUAD_BIN 0
+#define FLAT_BIN 1
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
@@ -255,12 +256,11 @@ struct CharacterConstants
     float2 uv_extent;
 };
 
-// Push constants of a submesh's draw, or of an impostor kind's.
+// Push constants of a submesh's draw.
 struct DrawConstants
 {
     uint first_vertex;
     float alpha_cutoff;
-    uint first_quad; // texel in the gallery's table; of impostors whose quads follow joints
     uint probe_vertex_count; // of one instance; probes and limit only
     uint probe_instance; // limit: the first
     uint probe_output; // limit: place of the first instance's first vertex

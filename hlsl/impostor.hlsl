@@ -16,6 +16,10 @@
 static const float SOFT_EDGE = 0.2;
 // Encoded lightness of what usually stands behind an edge.
 static const float BEHIND = 0.7;
+// Coverage from which a pixel of a joint's quad hides what is behind it.
+static const float CORE = 0.75;
+// How far behind the quad its rim stands, in depth extents.
+static const float RIM_BEHIND = 2.0;
 
 struct Interpolants
 {
@@ -90,6 +94,20 @@ float3 EncodedColor(float3 color)
     return s * (1.13 - 0.13 * s);
 }
 
+// What covers a share of a pixel, to be blended over what is behind it.
+float4 Covering(float3 lit, float coverage)
+{
+    if (SRGB_TARGET)
+    {
+        return float4(lit * coverage, coverage);
+    }
+    float3 encoded = EncodedColor(lit);
+    // Encoded colours do not blend as light does: an edge that is darker than what is behind it, which is about as bright as
+    // the ground, would come out too dark.
+    float share = coverage - coverage * (1.0 - coverage) * (BEHIND - encoded.g);
+    return float4(encoded * share, share);
+}
+
 #ifdef SOFT
 // One quad blends its edges, and its plane is depth enough. What lies before or behind the plane shifts with the direction to
 // the eye: one step along its ray, from the depth at the plane, leaves a third of the error that a view's width causes.
@@ -105,15 +123,7 @@ float4 PSMain(Interpolants i) : SV_Target
     }
     float4 surface = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w);
     float3 lit = Lit(i, color.rgb, surface);
-    if (SRGB_TARGET)
-    {
-        return float4(lit * coverage, coverage);
-    }
-    float3 encoded = EncodedColor(lit);
-    // Encoded colours do not blend as light does: an edge that is darker than what is behind it, which is about as bright as
-    // the ground, would come out too dark.
-    float share = coverage - coverage * (1.0 - coverage) * (BEHIND - encoded.g);
-    return float4(encoded * share, share);
+    return Covering(lit, coverage);
 }
 #else
 // Quads of joints overlap: blended, they would let the ground shine through where they meet, and they hide each other by the
@@ -125,14 +135,15 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
     uint bits = i.pose_fade;
     float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
     bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
-    if (color.a < 0.5 || !shown)
+    if (color.a < SOFT_EDGE || !shown)
     {
         discard;
     }
+    bool is_core = color.a >= CORE;
     float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w);
     float3 lit = Lit(i, color.rgb, surface);
-    float2 zw = i.depths.xy + i.depth_step * (surface.w * 2.0 - 1.0 - i.depths.z);
+    float2 zw = i.depths.xy + i.depth_step * (surface.w * 2.0 - 1.0 - i.depths.z - (is_core ? 0.0 : RIM_BEHIND));
     depth = saturate(zw.x / max(zw.y, 1e-6));
-    return float4(SRGB_TARGET ? lit : EncodedColor(lit), 1.0);
+    return Covering(lit, is_core ? 1.0 : color.a);
 }
 #endif

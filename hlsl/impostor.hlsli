@@ -54,6 +54,7 @@ struct Posed
     float4 row0;
     float4 row1;
     float4 row2;
+    float extent; // 0 for a quad that the character does not have
 };
 
 #ifdef SOFT
@@ -67,20 +68,33 @@ Posed PoseQuad(Instance instance, uint quad)
     o.row0 = float4(1.0, 0.0, 0.0, 0.0);
     o.row1 = float4(0.0, 1.0, 0.0, 0.0);
     o.row2 = float4(0.0, 0.0, 1.0, 0.0);
+    o.extent = 1.0;
     return o;
 }
 #else
 // A quad that follows a joint; its space is bind space.
 Posed PoseQuad(Instance instance, uint quad)
 {
+    float4 pose = GalleryTexel(instance.live_vertex_count & IMPOSTOR_POSE_MASK);
+    uint quad_count = uint(pose.w + 0.5);
     Posed o;
-    o.quad = draw.first_quad + 3u * quad;
+    o.quad = uint(pose.z + 0.5) + 3u * min(quad, quad_count - 1u);
+    o.extent = quad < quad_count ? 1.0 : 0.0;
     float4 texel = GalleryTexel(o.quad + 1u);
     o.tile = uint(texel.y + 0.5);
     o.row0 = 0.0;
     o.row1 = 0.0;
     o.row2 = 0.0;
-    AddJoint(instance, uint(texel.x + 0.5), 1.0, o.row0, o.row1, o.row2);
+    uint joint = uint(texel.w + 0.5) + 3u * uint(texel.x + 0.5);
+    uint sample_count = SampleCount(instance);
+    for (uint s = 0u; s < sample_count; s++)
+    {
+        uint rows = joint + 3u * SampleEntry(instance, s);
+        float weight = SampleWeight(instance, s);
+        o.row0 += weight * GalleryTexel(rows);
+        o.row1 += weight * GalleryTexel(rows + 1u);
+        o.row2 += weight * GalleryTexel(rows + 2u);
+    }
     return o;
 }
 #endif
@@ -141,7 +155,7 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     float3 right = GalleryTexel(first_view + 2u * view + 1u).xyz;
     float3 up = cross(towards, right);
 
-    float2 side = float2(corner & 1u, corner >> 1);
+    float2 side = posed.extent * float2(corner & 1u, corner >> 1);
     float2 at = lerp(plane.xy, plane.zw, side);
     float depth = lean.x * at.x + lean.y * at.y + lean.z;
     float4 p = float4(center + right * at.x + up * at.y + towards * depth, 1.0);

@@ -8,6 +8,7 @@
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
 [[vk::binding(1, 1)]] Texture2D<uint4> vertex_texture; // 2 texels per vertex
 [[vk::binding(2, 1)]] Texture2D<uint2> collapse_texture; // parent, collapse error
+[[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 // A vertex after window extraction and collapse, still packed.
@@ -74,6 +75,22 @@ float4 DecodeWeights(PackedVertex v)
     w.w = float(v.tail.z >> 22) * (0.25 / 1023.0);
     w.x = 1.0 - w.y - w.z - w.w;
     return w;
+}
+
+// Adds `weight` times the rows of a joint's model_from_bind in an instance's frames.
+void AddJoint(Instance instance, uint joint, float weight, inout float4 row0, inout float4 row1, inout float4 row2)
+{
+    uint sample_count = SampleCount(instance);
+    for (uint s = 0u; s < sample_count; s++)
+    {
+        uint entry = SampleEntry(instance, s) + joint;
+        float share = weight * SampleWeight(instance, s);
+        int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
+        int y = int(entry / PALETTE_ROW_ENTRIES);
+        row0 += share * palette_texture.Load(int3(x, y, 0));
+        row1 += share * palette_texture.Load(int3(x + 1, y, 0));
+        row2 += share * palette_texture.Load(int3(x + 2, y, 0));
+    }
 }
 
 struct Skinned

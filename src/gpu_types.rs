@@ -20,6 +20,8 @@ pub const IMPOSTOR_FADE_SHIFT: u32 = 23;
 pub const IMPOSTOR_FADES_OUT: u32 = 0x8000_0000;
 /// The bin of all characters' agents that are one quad.
 pub const QUAD_BIN: u32 = 0;
+/// The instance list of all agents that are a quad for each group of joints.
+pub const FLAT_BIN: u32 = 1;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
@@ -288,11 +290,10 @@ shared_structs! {
         uv_min: [f32; 2],
         uv_extent: [f32; 2],
     }
-    /// Push constants of a submesh's draw, or of an impostor kind's.
+    /// Push constants of a submesh's draw.
     struct DrawConstants {
         first_vertex: u32,
         alpha_cutoff: f32,
-        first_quad: u32,
         probe_vertex_count: u32,
         probe_instance: u32,
         probe_output: u32,

@@ -1,12 +1,11 @@
-//! impostor: the quads of all agents that show an impostor kind: one indirect draw for all that are one quad, and one per
-//! character whose quads follow its joints. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
+//! impostor: the quads of all agents that show an impostor kind, one indirect draw per kind for all characters. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use ash::vk;
-use throng_bake::baked::Baked;
+use throng_bake::baked::PaletteEntry;
 use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
-use crate::gpu::{Commands, DRAW_STAGES, Drawing};
-use crate::gpu_types::{BandInfo, DrawConstants, QUAD_BIN};
+use crate::gpu::{Commands, Drawing};
+use crate::gpu_types::{BandInfo, FLAT_BIN, QUAD_BIN};
 
 /// Records the draws of all impostors that may have agents.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
@@ -23,29 +22,17 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
             c.bind_instances(&buffers.instances);
             c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
+            c.bind_indices(&gallery.indices);
         }
     };
-    for (character, resident) in drawing.residents.iter().enumerate() {
-        let kinds = &drawing.tables.representations[character].kinds;
-        for kind in kinds.iter().filter(|k| k.bin != QUAD_BIN) {
-            if slot.may_draw(character, kind.bin) {
-                bind(c, pipelines.impostor);
-                c.bind_set(GRAPHICS, layout, 1, resident.set);
-                c.bind_indices(&resident.indices);
-                let constants = DrawConstants {
-                    first_quad: kind.first_quad_texel,
-                    ..bytemuck::Zeroable::zeroed()
-                };
-                c.push_constants(layout, DRAW_STAGES, &constants);
-                c.draw_indexed_indirect(&buffers.draws, kind.bin, 1);
-            }
+    for (bin, pipeline) in [
+        (FLAT_BIN, pipelines.impostor),
+        (QUAD_BIN, pipelines.impostor_soft),
+    ] {
+        if (0..drawing.residents.len()).any(|character| slot.may_draw(character, bin)) {
+            bind(c, pipeline);
+            c.draw_indexed_indirect(&buffers.draws, bin, 1);
         }
-    }
-    // What blends comes last.
-    if (0..drawing.residents.len()).any(|character| slot.may_draw(character, QUAD_BIN)) {
-        bind(c, pipelines.impostor_soft);
-        c.bind_indices(&gallery.indices);
-        c.draw_indexed_indirect(&buffers.draws, QUAD_BIN, 1);
     }
 }
 
@@ -55,11 +42,13 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
 ///
 /// The table is a texture. Texel 0 is 1 over the picture's width and height, the side of a square and the number of columns.
 /// Behind it, for each character:
-/// - a texel for each pose: the texels of its quad and of its first view's tile,
-/// - three for each quad: centre and depth extent; joint (-1: none), texel of its first tile, texel of its first view;
-///   cube map, atlas, last mip,
+/// - a texel for each pose, at least one: the texels of `quad`'s one and of its first view's tile; the texel of the first quad of
+///   `flat`, and how many there are,
+/// - three for each quad: centre and depth extent; joint (-1: none), texel of its first tile, texel of its first view, texel of
+///   the palette; cube map, atlas, last mip,
 /// - two for each view of all view sets: direction; the picture's right,
-/// - three for each tile: `min` and `max` in its plane; its left, bottom, right and top texel in the atlas; lean.
+/// - three for each tile: `min` and `max` in its plane; its left, bottom, right and top texel in the atlas; lean,
+/// - where quads follow joints, the palette: three for each joint in each frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Gallery {
     /// The table; texel 0 is written when it is uploaded.
@@ -72,6 +61,8 @@ pub struct Gallery {
     pub mip_count: u32,
     /// Atlases.
     pub atlas_count: u32,
+    /// The most quads of any kind.
+    pub quad_count: u32,
     /// The picture is of BC7 blocks. The first atlas decides.
     pub blocks: bool,
 }
@@ -81,8 +72,6 @@ pub struct Gallery {
 pub struct Block {
     /// Texel of its first pose.
     pub first_pose: u32,
-    /// Texel of its first quad.
-    pub first_quad: u32,
 }
 
 impl Gallery {
@@ -91,15 +80,17 @@ impl Gallery {
         (self.cells.len() / CUBE_TEXELS) as u32
     }
 
-    /// Texels that a character's block takes.
-    pub fn block_size(impostors: &Impostors) -> u64 {
-        let poses: u64 = impostors
-            .clip_poses
-            .iter()
-            .map(|r| u64::from(r.pose_count))
-            .sum();
+    /// Texels that a character's block takes, whose palette has so many entries.
+    pub fn block_size(impostors: &Impostors, palette_len: usize) -> u64 {
+        let poses = u64::from(pose_texels(impostors));
         let views: usize = impostors.view_sets.iter().map(|s| s.directions.len()).sum();
-        poses + (3 * impostors.quads.len() + 2 * views + 3 * impostors.tiles.len()) as u64
+        let palette_len = match impostors.kinds.iter().any(|k| k.kind == Kind::Flat) {
+            true => palette_len,
+            false => 0,
+        };
+        poses
+            + 2 * views as u64
+            + 3 * (impostors.quads.len() + impostors.tiles.len() + palette_len) as u64
     }
 
     /// The side of a square where one more atlas has to fit. Every mip of it begins and ends with a block of 4x4 texels.
@@ -120,13 +111,12 @@ impl Gallery {
         [columns, self.atlas_count.div_ceil(columns).max(1)]
     }
 
-    /// Appends the impostors of a validated character.
-    pub fn append(&mut self, impostors: &Impostors) -> Block {
+    /// Appends the impostors of a validated character, whose palette they follow.
+    pub fn append(&mut self, impostors: &Impostors, palette: &[PaletteEntry]) -> Block {
         if self.texels.is_empty() {
             self.texels.push([0.0; 4]);
         }
-        let poses = impostors.clip_poses.iter().map(|r| r.pose_count);
-        let pose_count: u32 = poses.sum();
+        let pose_count = pose_texels(impostors);
         let first_pose = self.texels.len() as u32;
         let first_quad = first_pose + pose_count;
         let mut first_view = first_quad + 3 * impostors.quads.len() as u32;
@@ -138,16 +128,24 @@ impl Gallery {
         let first_tile = first_view;
         let tile = |t: u32| (first_tile + 3 * t) as f32;
 
-        let whole = impostors.kinds.iter().find(|k| k.kind == Kind::Quad);
+        let find = |kind| impostors.kinds.iter().find(|k| k.kind == kind);
+        let quad_texel = |quad: u32| (first_quad + 3 * quad) as f32;
+        let (whole, flat) = (find(Kind::Quad), find(Kind::Flat));
+        let [flat_texel, flat_count] = flat.map_or([0.0; 2], |k| {
+            [quad_texel(k.first_quad), k.quad_count as f32]
+        });
         for pose in 0..pose_count {
-            let texel = whole.map_or([0.0; 4], |kind| {
+            let [quad, tile] = whole.map_or([0.0; 2], |kind| {
                 let q = &impostors.quads[kind.first_quad as usize];
                 let views = impostors.view_sets[q.view_set as usize].directions.len() as u32;
-                let quad = (first_quad + 3 * kind.first_quad) as f32;
-                [quad, tile(q.first_tile + pose * views), 0.0, 0.0]
+                [
+                    quad_texel(kind.first_quad),
+                    tile(q.first_tile + pose * views),
+                ]
             });
-            self.texels.push(texel);
+            self.texels.push([quad, tile, flat_texel, flat_count]);
         }
+        let palette_texel = first_tile + 3 * impostors.tiles.len() as u32;
         let last_mip = impostors.atlas.mip_count.saturating_sub(1) as f32;
         for q in &impostors.quads {
             let set = q.view_set as usize;
@@ -157,7 +155,7 @@ impl Gallery {
                 joint_texel(q),
                 tile(q.first_tile),
                 first_views[set] as f32,
-                0.0,
+                palette_texel as f32,
             ]);
             self.texels
                 .push([cube as f32, self.atlas_count as f32, last_mip, 0.0]);
@@ -177,6 +175,9 @@ impl Gallery {
             let [x, y, z] = t.lean;
             self.texels.push([x, y, z, 0.0]);
         }
+        if flat.is_some() {
+            self.texels.extend(palette.iter().flat_map(|e| e.rows));
+        }
         for set in &impostors.view_sets {
             self.cells.extend(&set.cells);
         }
@@ -184,46 +185,37 @@ impl Gallery {
         self.mip_count = self.mip_count.max(atlas.mip_count);
         self.side = self.side_with(atlas);
         self.atlas_count += 1;
-        Block {
-            first_pose,
-            first_quad,
-        }
+        let counts = impostors.kinds.iter().map(|k| k.quad_count);
+        self.quad_count = counts.fold(self.quad_count, u32::max);
+        Block { first_pose }
     }
+}
+
+/// Texels of a character's poses: one where `flat` is its only kind.
+pub fn pose_texels(impostors: &Impostors) -> u32 {
+    let poses = impostors.clip_poses.iter().map(|r| r.pose_count);
+    poses.sum::<u32>().max(1)
 }
 
 /// The tiles without the texels around their pictures that show nothing, but for one on each side, where edges are filtered:
 /// pixels that show nothing cost as much as others.
 pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
-    let mut leasts = vec![1; impostors.tiles.len()];
-    for (i, quad) in impostors.quads.iter().enumerate() {
-        let next = impostors.quads.get(i + 1);
-        let end = next.map_or(leasts.len(), |q| q.first_tile as usize);
-        if let Some(leasts) = leasts.get_mut(quad.first_tile as usize..end) {
-            leasts.fill(least_coverage(quad));
-        }
-    }
-    let tiles = impostors.tiles.iter().zip(leasts);
-    tiles
-        .map(|(tile, least)| trimmed(&impostors.atlas, tile, least))
-        .collect()
+    let tiles = impostors.tiles.iter();
+    tiles.map(|tile| trimmed(&impostors.atlas, tile)).collect()
 }
 
-/// Coverage below which a texel of a quad shows nothing.
-pub(crate) fn least_coverage(quad: &Quad) -> u8 {
-    /// `SOFT_EDGE` of hlsl/impostor.hlsl.
-    const SOFT_EDGE: u8 = 51;
-    if quad.joint == NO_JOINT { SOFT_EDGE } else { 1 }
-}
+/// Coverage below which a texel shows nothing: `SOFT_EDGE` of hlsl/impostor.hlsl.
+const SOFT_EDGE: u8 = 51;
 
 /// [`trimmed_tiles`] of one tile.
-pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile, least: u8) -> Tile {
+pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Tile {
     let [columns, rows] = tile.size.map(u32::from);
     let (mut first, mut last) = ([columns, rows], [0, 0]);
     for y in 0..rows {
         for x in 0..columns {
             let column = u32::from(tile.texel[0]) + x;
             let row = u32::from(tile.texel[1]) + y;
-            if atlas.color[(row * atlas.width + column) as usize][3] >= least {
+            if atlas.color[(row * atlas.width + column) as usize][3] >= SOFT_EDGE {
                 first = [first[0].min(x), first[1].min(y)];
                 last = [last[0].max(x + 1), last[1].max(y + 1)];
             }
@@ -270,24 +262,12 @@ pub fn indices(quad_count: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The window of [`QUAD_BIN`].
-pub const ONE_QUAD: BandInfo = BandInfo {
-    first_index: 0,
-    index_count: 6,
-    vertex_count: 4,
-    waiting_vertex_count: 0,
-};
-
-/// The index windows of a character's kinds that have bins of their own; its quads' indices stand behind all others.
-pub fn windows(baked: &Baked) -> Vec<BandInfo> {
-    let kinds = baked.impostors.iter().flat_map(|i| &i.kinds);
-    kinds
-        .filter(|kind| kind.kind != Kind::Quad)
-        .map(|kind| BandInfo {
-            first_index: baked.indices.len() as u32 + 6 * kind.first_quad,
-            index_count: 6 * kind.quad_count,
-            vertex_count: 4 * kind.quad_count,
-            waiting_vertex_count: 0,
-        })
-        .collect()
+/// The index window of a bin whose agents have so many quads.
+pub fn window(quad_count: u32) -> BandInfo {
+    BandInfo {
+        first_index: 0,
+        index_count: 6 * quad_count,
+        vertex_count: 4 * quad_count,
+        waiting_vertex_count: 0,
+    }
 }

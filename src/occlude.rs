@@ -69,7 +69,6 @@ fn draw(c: &mut Commands, drawing: &Drawing) {
                 probe_vertex_count: 0,
                 probe_instance: 0,
                 probe_output: 0,
-                first_quad: 0,
             };
             c.push_constants(layout, DRAW_STAGES, &constants);
             let first_bin = resident.first_bin + draw.first_band;

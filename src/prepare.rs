@@ -9,8 +9,8 @@ use throng_bake::quantize::{decode_position, decode_weights};
 use crate::error::RenderError;
 use crate::frame::FrameOptions;
 use crate::gpu_types::{
-    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
-    RangeInfo, SubmeshInfo,
+    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, FLAT_BIN, LEVEL_SHIFT,
+    LevelInfo, RangeInfo, SubmeshInfo,
 };
 use crate::impostor::{self, Gallery};
 use crate::representation::{CostModel, Representations};
@@ -50,7 +50,7 @@ impl Default for Tables {
             clips: Vec::new(),
             clip_counts: Vec::new(),
             submeshes: Vec::new(),
-            bands: vec![impostor::ONE_QUAD],
+            bands: vec![impostor::window(1), impostor::window(0)],
             levels: Vec::new(),
             tops: Vec::new(),
             representations: Vec::new(),
@@ -87,7 +87,11 @@ impl Tables {
         let first_bin = self.bands.len() as u32;
         let joint_count = baked.joints.len() as u32;
         let errors = SkinningErrors::measure(baked);
-        let block = baked.impostors.as_ref().map(|i| self.gallery.append(i));
+        let block = baked
+            .impostors
+            .as_ref()
+            .map(|i| self.gallery.append(i, &baked.palette));
+        self.bands[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
         self.characters.push(CharacterInfo {
             first_submesh: self.submeshes.len() as u32,
             submesh_count: baked.submeshes.len() as u32,
@@ -155,14 +159,7 @@ impl Tables {
             vertex_count: b.vertex_count,
             waiting_vertex_count: waiting,
         }));
-        let first_impostor_bin = self.bands.len() as u32;
-        self.bands.extend(impostor::windows(baked));
-        let first_quad_texel = block.map_or(0, |b| b.first_quad);
-        self.representations.push(Representations::new(
-            baked,
-            first_impostor_bin,
-            first_quad_texel,
-        ));
+        self.representations.push(Representations::new(baked));
     }
 }
 

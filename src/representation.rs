@@ -8,8 +8,8 @@ use throng_bake::baked::{Baked, Band};
 use throng_bake::impostor::{ErrorSample, Kind};
 
 use crate::frame::Method;
-use crate::gpu_types::{BIN_NONE, MAX_RANGES, QUAD_BIN, RangeInfo};
-use crate::impostor::{least_coverage, trimmed};
+use crate::gpu_types::{BIN_NONE, FLAT_BIN, MAX_RANGES, QUAD_BIN, RangeInfo};
+use crate::impostor::trimmed;
 use crate::sheet::bounds_height;
 
 /// What drawing costs on a device, nanoseconds.
@@ -66,20 +66,16 @@ pub struct Representations {
 pub struct ImpostorKind {
     /// Which.
     pub kind: Kind,
-    /// Its instance list: [`QUAD_BIN`], which all characters share, or one of its own.
+    /// Its instance list, which all characters share.
     pub bin: u32,
-    /// Texel of the character's first quad in the gallery's table.
-    pub first_quad_texel: u32,
-    /// First of its quads within the character.
-    pub first_quad: u32,
     /// Mean width and height of each of its quads over the character's height, `[quad_count][2]`.
     sizes: Vec<[f32; 2]>,
     errors: Vec<ErrorSample>,
 }
 
 impl Representations {
-    /// Of a validated character whose own impostor bins begin at `first_bin`, and its quads at a texel of the gallery's table.
-    pub fn new(baked: &Baked, first_bin: u32, first_quad_texel: u32) -> Self {
+    /// Of a validated character.
+    pub fn new(baked: &Baked) -> Self {
         let height = bounds_height(baked);
         let mut errors: Vec<f32> = baked.bands.iter().map(|b| b.error).collect();
         errors.sort_by(f32::total_cmp);
@@ -93,21 +89,16 @@ impl Representations {
         };
         let levels = errors.iter().map(|&e| (e, triangles_at(e))).collect();
         let impostors = baked.impostors.as_ref();
-        let mut own_bins = first_bin..;
         let kinds = impostors
             .into_iter()
             .flat_map(|i| i.kinds.iter().map(move |info| (i, info)))
             .map(|(i, info)| {
-                let bin = match info.kind {
-                    Kind::Quad => QUAD_BIN,
-                    Kind::Flat => own_bins.next().unwrap_or(QUAD_BIN),
-                };
                 let quads = &i.quads[info.first_quad as usize..][..info.quad_count as usize];
                 let sizes = quads.iter().map(|q| {
                     let views = i.view_sets[q.view_set as usize].directions.len();
                     let mut sums = [0.0; 2];
                     for tile in &i.tiles[q.first_tile as usize..][..views] {
-                        let tile = trimmed(&i.atlas, tile, least_coverage(q));
+                        let tile = trimmed(&i.atlas, tile);
                         for (axis, sum) in sums.iter_mut().enumerate() {
                             *sum += tile.max[axis] - tile.min[axis];
                         }
@@ -116,9 +107,10 @@ impl Representations {
                 });
                 ImpostorKind {
                     kind: info.kind,
-                    bin,
-                    first_quad_texel,
-                    first_quad: info.first_quad,
+                    bin: match info.kind {
+                        Kind::Quad => QUAD_BIN,
+                        Kind::Flat => FLAT_BIN,
+                    },
                     sizes: sizes.collect(),
                     errors: info.errors.clone(),
                 }
@@ -259,8 +251,6 @@ mod tests {
         ImpostorKind {
             kind,
             bin,
-            first_quad_texel: 0,
-            first_quad: 0,
             sizes: vec![[0.4, 1.0 / quads as f32]; quads],
             errors: vec![
                 sample(6.0, 0.0),
@@ -280,7 +270,6 @@ mod tests {
 
     #[test]
     fn nobody_vanishes_however_far() {
-        const FLAT_BIN: u32 = 9;
         let mut who = Representations {
             height: 1.7,
             levels: vec![(0.0, 5000.0), (0.05, 600.0), (0.2, 8.0), (1.0, 0.0)],

@@ -329,6 +329,7 @@ fn shared_numbers_are_equal() {
         ("SWITCH_HEIGHT_PX", t::SWITCH_HEIGHT_PX as f64),
         ("GALLERY_ROW_TEXELS", t::GALLERY_ROW_TEXELS as f64),
         ("QUAD_BIN", t::QUAD_BIN as f64),
+        ("FLAT_BIN", t::FLAT_BIN as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),
         ("DRAW_COMMAND_WORDS", t::DRAW_COMMAND_WORDS as f64),

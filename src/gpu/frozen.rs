@@ -262,7 +262,6 @@ impl Frozen {
         let drawing = Drawing {
             pipelines: &renderer.pipelines,
             residents: &renderer.residents,
-            tables: &renderer.tables,
             gallery: renderer.gallery.as_ref(),
             slot,
         };

@@ -13,7 +13,9 @@ use super::pipeline::{ALPHA_TESTED, DrawState, Input, MeshVariant, Mix, Pipeline
 use super::renderer::Renderer;
 use super::slot::Slot;
 use crate::error::RenderError;
-use crate::gpu_types::{DrawCommand, DrawConstants, Instance, QUAD_BIN, SELECT_GROUP_SIZE};
+use crate::gpu_types::{
+    DrawCommand, DrawConstants, FLAT_BIN, Instance, QUAD_BIN, SELECT_GROUP_SIZE,
+};
 use crate::reference::mesh::living_ancestor;
 
 /// Workgroups that every device takes along an axis.
@@ -86,18 +88,16 @@ pub(super) fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) ->
             }
             meshes.push(plan);
         }
-        let kinds = &renderer.tables.representations[character].kinds;
-        for kind in kinds.iter().filter(|k| k.bin != QUAD_BIN) {
-            let mut plan = Plan::new(character, Look::Impostor(kind.kind));
-            plan.constants.first_vertex = 4 * kind.first_quad;
-            plan.constants.first_quad = kind.first_quad_texel;
-            impostors.extend(plan.of_quads(renderer, lists, kind.bin));
-        }
     }
     // What blends comes last, for all characters.
     if !characters.is_empty() {
-        let plan = Plan::new(0, Look::Impostor(ImpostorKind::Quad));
-        impostors.extend(plan.of_quads(renderer, lists, QUAD_BIN));
+        for (kind, bin) in [
+            (ImpostorKind::Flat, FLAT_BIN),
+            (ImpostorKind::Quad, QUAD_BIN),
+        ] {
+            let plan = Plan::new(0, Look::Impostor(kind));
+            impostors.extend(plan.of_quads(renderer, lists, bin));
+        }
     }
     meshes.append(&mut impostors);
     meshes
@@ -282,8 +282,7 @@ impl Look {
     ) -> Result<Pair, RenderError> {
         let (alpha_tested, double_sided, mix) = match self {
             Self::Mesh(v) => (v.alpha_tested, v.double_sided, Mix::Replaces),
-            Self::Impostor(ImpostorKind::Flat) => (false, true, Mix::Replaces),
-            Self::Impostor(ImpostorKind::Quad) => (false, true, Mix::Covers),
+            Self::Impostor(_) => (false, true, Mix::Covers),
         };
         let rows = self.rows();
         let limit = pipelines.graphics(

@@ -20,7 +20,7 @@ use crate::impostor;
 /// What the impostor stage reads.
 pub(crate) struct Gallery {
     pub set: vk::DescriptorSet,
-    /// Of one quad.
+    /// Of as many quads as any kind has.
     pub indices: Buffer,
     /// Table, cells, colours, surfaces.
     images: Vec<Image>,
@@ -48,6 +48,8 @@ pub(crate) struct AtlasCopies {
     surfaces: Vec<vk::BufferImageCopy>,
 }
 
+/// Texels of the table that it can itself name, as floats.
+const EXACT_TEXELS: u64 = 1 << 24;
 /// Places of the pictures in `Gallery::images`.
 const COLORS: usize = 2;
 const SURFACES: usize = 3;
@@ -60,6 +62,7 @@ pub(super) fn check(
     name: &str,
     gallery: &impostor::Gallery,
     impostors: &Impostors,
+    palette_len: usize,
 ) -> Result<(), RenderError> {
     let limits = &cx.capabilities;
     let atlas = &impostors.atlas;
@@ -72,15 +75,22 @@ pub(super) fn check(
                 .into(),
         });
     }
-    let texels = gallery.texels.len() as u64 + impostor::Gallery::block_size(impostors);
+    let before = gallery.texels.len() as u64;
+    let texels = before + impostor::Gallery::block_size(impostors, palette_len);
+    let poses = before + u64::from(impostor::pose_texels(impostors));
     let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
     let columns = impostor::Gallery::columns(gallery.atlas_count + 1);
     let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
     for (needed, limit, unit) in [
         (
             texels,
-            row_limit.min(u64::from(IMPOSTOR_POSE_MASK)),
+            row_limit.min(EXACT_TEXELS),
             "texels of all impostors' tables",
+        ),
+        (
+            poses,
+            u64::from(IMPOSTOR_POSE_MASK),
+            "texels before the last pose in all impostors' tables",
         ),
         (
             u64::from(gallery.side_with(atlas)) * u64::from(columns),
@@ -157,7 +167,7 @@ impl Gallery {
             set: vk::DescriptorSet::null(),
             indices: cx.create_buffer(
                 "quad indices",
-                24,
+                index_bytes(tables),
                 vk::BufferUsageFlags::INDEX_BUFFER | vk::BufferUsageFlags::TRANSFER_DST,
                 MemoryLocation::GpuOnly,
             )?,
@@ -200,7 +210,7 @@ impl Gallery {
             .zip(halves.chunks_exact(side))
             .map(|(i, side)| resident::copy(staging.push(side), 0, [CUBE_SIZE; 2], i))
             .collect();
-        let index_offset = staging.push(&impostor::indices(1));
+        let index_offset = staging.push(&impostor::indices(tables.quad_count));
 
         use vk::Format as F;
         let (halves, sides) = (F::R16G16B16A16_SFLOAT, cells.len() as u32);
@@ -240,7 +250,7 @@ impl Gallery {
             indices: vk::BufferCopy {
                 src_offset: index_offset,
                 dst_offset: 0,
-                size: 24,
+                size: index_bytes(tables),
             },
         });
         self.pool = descriptor_pool(cx, "impostors' sets", 1, 0)?;
@@ -349,6 +359,10 @@ impl Gallery {
         }
         cx.destroy_buffer(self.indices);
     }
+}
+
+fn index_bytes(tables: &impostor::Gallery) -> u64 {
+    6 * u64::from(tables.quad_count) * size_of::<u32>() as u64
 }
 
 const _: () = assert!(throng_bake::impostor::views::MAX_VIEWS <= 2048);

@@ -251,7 +251,7 @@ impl Pipelines {
             cull: vk::CullModeFlags::NONE,
             topology: vk::PrimitiveTopology::TRIANGLE_LIST,
             depth_write: true,
-            mix: Mix::Replaces,
+            mix: Mix::Covers,
         };
         self.impostor = self.graphics(cx, &impostor)?;
         self.impostor_soft = self.graphics(
@@ -259,7 +259,6 @@ impl Pipelines {
             &DrawState {
                 name: "impostor soft",
                 modules: &["impostor_soft_vs", "impostor_soft_ps"],
-                mix: Mix::Covers,
                 ..impostor
             },
         )?;

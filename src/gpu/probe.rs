@@ -30,8 +30,6 @@ pub(super) struct Probe {
     character: usize,
     probed: Probed,
     first_vertex: u32,
-    /// Texel of the character's first quad.
-    first_quad: u32,
     /// Its quads are of the kind that all characters share.
     one_quad: bool,
     vertex_count: u32,
@@ -53,7 +51,7 @@ impl Probe {
         probed: Probed,
     ) -> Result<Self, RenderError> {
         let cx = &renderer.cx;
-        let (mut first_quad, mut one_quad) = (0, false);
+        let mut one_quad = false;
         let found = renderer
             .residents
             .get(character.0 as usize)
@@ -66,12 +64,9 @@ impl Probe {
                 Probed::Impostor(kind) => {
                     let kinds = &renderer.tables.representations[character.0 as usize].kinds;
                     let kind = kinds.get(kind)?;
-                    first_quad = kind.first_quad_texel;
                     one_quad = kind.bin == QUAD_BIN;
                     let window = &renderer.tables.bands[kind.bin as usize];
-                    // A kind of one quad has indices of its own; the others' begin where their quads do.
-                    let first = if one_quad { 0 } else { kind.first_quad };
-                    Some((4 * first, window.vertex_count))
+                    Some((0, window.vertex_count))
                 }
             });
         let Some((first_vertex, vertex_count)) = found else {
@@ -109,7 +104,6 @@ impl Probe {
             character: character.0 as usize,
             probed,
             first_vertex,
-            first_quad,
             one_quad,
             vertex_count,
         })
@@ -148,7 +142,6 @@ impl Probe {
             &DrawConstants {
                 first_vertex: self.first_vertex,
                 alpha_cutoff: 0.0,
-                first_quad: self.first_quad,
                 probe_vertex_count: self.vertex_count,
                 probe_instance: instance,
                 probe_output: 0,

@@ -93,7 +93,6 @@ impl Renderer {
         let drawing = Drawing {
             pipelines: &self.pipelines,
             residents: &self.residents,
-            tables: &self.tables,
             gallery: self.gallery.as_ref(),
             slot,
         };
@@ -163,7 +162,6 @@ impl Renderer {
         let drawing = Drawing {
             pipelines: &self.pipelines,
             residents: &self.residents,
-            tables: &self.tables,
             gallery: self.gallery.as_ref(),
             slot,
         };

@@ -119,7 +119,6 @@ impl Discarded {
 pub(crate) struct Drawing<'a> {
     pub pipelines: &'a Pipelines,
     pub residents: &'a [Resident],
-    pub tables: &'a Tables,
     pub gallery: Option<&'a Gallery>,
     pub slot: &'a Slot,
 }
@@ -209,7 +208,13 @@ impl Renderer {
                 let has_blocks = impostors.atlas.blocks.is_some();
                 gallery.blocks = has_blocks && self.cx.optional.block_textures;
             }
-            gallery::check(&self.cx, &baked.name, gallery, impostors)?;
+            gallery::check(
+                &self.cx,
+                &baked.name,
+                gallery,
+                impostors,
+                baked.palette.len(),
+            )?;
         }
         let (atlas, blocks) = (gallery.atlas_count, gallery.blocks);
         let (resident, upload) = resident::make(

@@ -7,8 +7,8 @@ use super::slot::{Recorded, Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
-    DrawCommand, Instance, QUAD_BIN, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH, TALLY_LIVE_VERTICES_LOW,
-    TALLY_MESHES, TALLY_OCCLUDED, TALLY_VISIBLE,
+    DrawCommand, FLAT_BIN, Instance, QUAD_BIN, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH,
+    TALLY_LIVE_VERTICES_LOW, TALLY_MESHES, TALLY_OCCLUDED, TALLY_VISIBLE,
 };
 use crate::reference::occlude::Pyramid;
 use crate::reference::select::Selection;
@@ -164,10 +164,7 @@ impl Renderer {
 
     /// Agents by representation, from the lengths of the lists; one that fades counts for both.
     fn representations(&self, meshes: u64, count: &dyn Fn(usize) -> u64) -> [Representation; 3] {
-        let kinds = self.tables.representations.iter().flat_map(|r| &r.kinds);
-        let flat = kinds.filter(|k| k.bin != QUAD_BIN);
-        let flat = flat.map(|k| count(k.bin as usize)).sum();
-        let quad = count(QUAD_BIN as usize);
+        let [flat, quad] = [FLAT_BIN, QUAD_BIN].map(|bin| count(bin as usize));
         [("mesh", meshes), ("flat", flat), ("quad", quad)]
             .map(|(kind, agents)| Representation { kind, agents })
     }

@@ -13,7 +13,6 @@ use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines};
 use crate::error::RenderError;
 use crate::gpu_types::{PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
-use crate::impostor;
 use crate::prepare::{self, SubmeshDraw};
 
 /// Uploaded once, read by every frame.
@@ -181,11 +180,8 @@ pub(crate) fn make(
     let impostors = baked.impostors.as_ref();
     let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, place, blocks));
 
-    let quad_count = impostors.map_or(0, |i| i.quads.len() as u32);
-    let mut indices = baked.indices.clone();
-    indices.extend(impostor::indices(quad_count));
-    let index_offset = staging.push(&indices);
-    let index_bytes = size_of_val(&indices[..]) as u64;
+    let index_offset = staging.push(&baked.indices);
+    let index_bytes = size_of_val(&baked.indices[..]) as u64;
     use vk::BufferUsageFlags as U;
     made.buffer(
         &name("indices"),

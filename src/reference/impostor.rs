@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Impostors, NO_JOINT, Tile, ViewSet};
+use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Tile, ViewSet};
 
 use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
 
@@ -47,7 +47,8 @@ pub fn place_quad(
         pose = ((instance.live_vertex_count & IMPOSTOR_POSE_MASK) - first_pose) as usize;
     }
     if q.joint != NO_JOINT {
-        number = quad as u32;
+        let flat = impostors.kinds.iter().find(|k| k.kind == Kind::Flat);
+        number = quad as u32 - flat.map_or(0, |k| k.first_quad);
         rows = [Vec4::ZERO; 3];
         for s in 0..instance.sample_count() as usize {
             let entry = &baked.palette[(instance.sample_entries[s] + q.joint) as usize];

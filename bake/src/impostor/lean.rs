@@ -115,7 +115,6 @@ mod tests {
         });
         let picture = Picture {
             corner,
-            soft: false,
             texel,
             size,
             texels: texels.collect(),

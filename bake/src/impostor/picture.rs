@@ -7,10 +7,6 @@ use glam::{UVec2, Vec2, Vec3};
 use super::capture::CapturedView;
 use crate::tint::mean_of_tints;
 
-/// Alpha of the last texel that shows. Above half, because filtering rounds what sticks out: silhouettes then keep their
-/// area.
-const EDGE_ALPHA: f32 = 0.54;
-
 /// A texel of a picture. Colour and surface mean nothing where the coverage is 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Texel {
@@ -31,8 +27,6 @@ pub(super) struct Picture {
     pub corner: Vec2,
     /// Side of a texel in the plane.
     pub texel: f32,
-    /// Its edges blend, so that alpha is coverage as it is; else they are cut off at half of it.
-    pub soft: bool,
     /// Columns and rows.
     pub size: UVec2,
     /// `[rows][columns]`.
@@ -73,7 +67,6 @@ impl Picture {
         }
         Self {
             corner,
-            soft: false,
             texel,
             size,
             texels,
@@ -107,7 +100,6 @@ impl Picture {
         let shift = min.as_vec2() - inset.as_vec2();
         Self {
             corner: self.corner + Vec2::new(shift.x, -shift.y) * self.texel,
-            soft: self.soft,
             texel: self.texel,
             size,
             texels,
@@ -132,21 +124,19 @@ impl Picture {
         }
         Self {
             corner: self.corner,
-            soft: self.soft,
             texel: self.texel * 2.0,
             size,
             texels,
         }
     }
 
-    /// Colour with alpha and surface as the atlas holds them: alpha, where edges are cut off, scaled so that as many texels have at least half of it
-    /// as the coverage amounts to, and uncovered texels with what their neighbours show, so that filtering finds no fringe.
+    /// Colour with coverage, and surface, as the atlas holds them; uncovered texels with what their neighbours show, so that
+    /// filtering finds no fringe.
     pub fn encoded(&self) -> (Vec<[u8; 4]>, Vec<[u8; 4]>) {
-        let scale = if self.soft { 1.0 } else { self.alpha_scale() };
         let texels = self.dilated();
         let encode = |t: &Texel| {
             let [r, g, b] = roots(t.color);
-            let alpha = (t.coverage * scale).min(1.0);
+            let alpha = t.coverage.min(1.0);
             let s = t.shape + 0.5;
             (
                 [r, g, b, (alpha * 255.0 + 0.5) as u8],
@@ -154,18 +144,6 @@ impl Picture {
             )
         };
         texels.iter().map(encode).unzip()
-    }
-
-    /// Half over the coverage that as many texels reach as the mean coverage says.
-    fn alpha_scale(&self) -> f32 {
-        let mut coverages: Vec<f32> = self.texels.iter().map(|t| t.coverage).collect();
-        let count = coverages.iter().sum::<f32>().round() as usize;
-        coverages.sort_by(|a, b| b.total_cmp(a));
-        let edge = coverages
-            .get(count.saturating_sub(1))
-            .copied()
-            .unwrap_or(0.0);
-        if edge > 0.0 { EDGE_ALPHA / edge } else { 1.0 }
     }
 
     fn dilated(&self) -> Vec<Texel> {

@@ -25,7 +25,7 @@ const OWN_WEIGHT: f32 = 0.9;
 const PLAIN_WEIGHT: f32 = 0.35;
 /// Surface that follows the group in part is shown where the share of the realisations that have the body there and its
 /// weight sum to at least this: the less it follows the group, the surer it must be.
-const SHOWN_SUM: f32 = 1.06;
+const SHOWN_SUM: f32 = 1.1;
 
 /// One picture to ask for.
 struct Question {
@@ -246,14 +246,12 @@ fn average(
             alpha >= own || (alpha >= least && shares[texel] + weight(alpha) >= SHOWN_SUM)
         }
     };
-    let mut picture = Picture::average(
+    Picture::average(
         captured,
         shot.corner,
         shot.texel,
         shot.size,
         supersample,
         keep,
-    );
-    picture.soft = shot.group.is_none();
-    picture
+    )
 }

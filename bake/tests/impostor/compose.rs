@@ -46,9 +46,11 @@ impl Camera {
     }
 }
 
-/// As the renderer's: `IMPOSTOR_MIP_BIAS`, `SOFT_EDGE` and `MIN_SLANT` of its shaders.
+/// As the renderer's: `IMPOSTOR_MIP_BIAS`, `SOFT_EDGE`, `CORE`, `RIM_BEHIND` and `MIN_SLANT` of its shaders.
 const MIP_BIAS: f32 = -0.75;
 const SOFT_EDGE: u8 = 51;
+const CORE: f32 = 0.75;
+const RIM_BEHIND: f32 = 2.0;
 const MIN_SLANT: f32 = 0.4;
 
 /// What a pixel shows; alpha 0 for nothing.
@@ -88,6 +90,7 @@ pub fn impostor(
     let kind = i.kinds.iter().find(|k| k.kind == kind).unwrap();
     let pixels = (camera.size * camera.size) as usize;
     let (mut out, mut depths) = (vec![[0; 4]; pixels], vec![f32::NEG_INFINITY; pixels]);
+    let mut shares = vec![0.0; pixels];
     for quad in &i.quads[kind.first_quad as usize..][..kind.quad_count as usize] {
         let is_soft = quad.joint == NO_JOINT;
         let set = &i.view_sets[quad.view_set as usize];
@@ -104,7 +107,7 @@ pub fn impostor(
         if tile.size[0] == 0 {
             continue;
         }
-        let tile = trimmed(i, tile, if is_soft { SOFT_EDGE } else { 1 });
+        let tile = trimmed(i, tile);
         let (right, up, toward) = (set.rights[view], set.up(view), set.directions[view]);
         let place = |x: f32, y: f32, z: f32| {
             model_from_quad.transform_point3(quad.center + right * x + up * y + toward * z)
@@ -153,28 +156,44 @@ pub fn impostor(
                     at = (at + before * shift).clamp(half_texel, 1.0 - half_texel);
                 }
                 let (color, surface) = fetch(i, &tile, mip, at, false);
-                if color[3] < 127.5 {
+                let coverage = color[3] / 255.0;
+                if color[3] < SOFT_EDGE.into() {
                     continue;
                 }
-                let depth = place(plane.x, plane.y, depth_of(surface)).dot(camera.direction);
+                // A rim blends, and stands behind so that it hides none of the body.
+                let is_core = is_soft || coverage >= CORE;
+                let behind = if is_core {
+                    0.0
+                } else {
+                    RIM_BEHIND * quad.depth_extent
+                };
+                let depth = place(plane.x, plane.y, depth_of(surface) - behind);
+                let depth = depth.dot(camera.direction);
                 let pixel = (y * camera.size + x) as usize;
                 if depth > depths[pixel] {
+                    let covered = if is_core && !is_soft { 1.0 } else { coverage };
                     depths[pixel] = depth;
+                    shares[pixel] += (1.0 - shares[pixel]) * covered;
                     out[pixel] = [color[0] as u8, color[1] as u8, color[2] as u8, 255];
                 }
             }
+        }
+    }
+    for (pixel, share) in out.iter_mut().zip(shares) {
+        if share < 0.5 {
+            *pixel = [0; 4];
         }
     }
     out
 }
 
 /// The tile without the texels around it that show nothing, but for one on each side, as the renderer draws it.
-fn trimmed(i: &Impostors, tile: &Tile, least: u8) -> Tile {
+fn trimmed(i: &Impostors, tile: &Tile) -> Tile {
     let [columns, rows] = tile.size.map(u32::from);
     let (mut first, mut last) = ([columns, rows], [0, 0]);
     for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
         let at = (u32::from(tile.texel[1]) + y) * i.atlas.width + u32::from(tile.texel[0]) + x;
-        if i.atlas.color[at as usize][3] >= least {
+        if i.atlas.color[at as usize][3] >= SOFT_EDGE {
             first = [first[0].min(x), first[1].min(y)];
             last = [last[0].max(x + 1), last[1].max(y + 1)];
         }

@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..HeadlessDesc::default()
     })?;
     let character = headless.add_character(&baked)?;
-    let errors = Representations::new(&baked, 0, 0);
+    let errors = Representations::new(&baked);
     let bar = progress.bar("Measuring", HEIGHTS_PX.len() as u64);
     let mut steps = Vec::new();
     for height_px in HEIGHTS_PX {
