@@ -601,7 +601,7 @@ fn where_a_skeleton_says_what_limbs_are_coarse_levels_are_built_of_them() {
     check(&mesh, &s);
     let replaced = s.replacement.as_ref().expect("it looks better");
     assert!((36..=40).contains(&replaced.triangles.len()));
-    // Arms, legs, a head and a trunk share no vertices, and every joint that a crowd sees move moves one.
+    // Arms, legs, head and trunk follow joints of their own.
     let first = |v: u32| mesh.joints[v as usize][0];
     let moved: HashSet<u8> = replaced
         .triangles

@@ -52,6 +52,8 @@ pub(super) struct Coarse {
     pub error_factor: f64,
     /// All points have been fitted together at [`SETTLED_TRIANGLES`].
     pub settled: bool,
+    /// The coarse end has been built anew: samples stay with their faces where points move, for only pictures are asked then.
+    pub rebuilt: bool,
     /// The levels that pictures chose.
     pub levels: Vec<PicturedLevel>,
 }
@@ -266,8 +268,10 @@ impl Simplifier<'_> {
         let s = &mut self.surface;
         s.place(point, &start, &per_pose, best.1);
         if best.1 != Vec3::ZERO {
-            self.samples.try_place(s, point);
-            self.samples.commit_collapse(s, point);
+            if !self.coarse.rebuilt {
+                self.samples.try_place(s, point);
+                self.samples.commit_collapse(s, point);
+            }
             self.coarse.pictures.place(s, point);
         }
         best.1

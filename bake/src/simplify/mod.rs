@@ -37,7 +37,6 @@ use lanes::{Lanes, Vec3Lanes, read};
 use looks::Looks;
 use pictures::Pictures;
 use quadric::Quadrics;
-use rebuild::PicturedLevel;
 use samples::Samples;
 use surface::Surface;
 
@@ -94,6 +93,7 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
             swept: None,
             error_factor: 0.0,
             settled: false,
+            rebuilt: false,
             levels: Vec::new(),
         },
         surface,
@@ -402,13 +402,7 @@ impl<'a> Simplifier<'a> {
         // The diagonal is 1 here.
         let error = if self.pictured() {
             let wrong = self.wrong();
-            let level = PicturedLevel {
-                first_step: self.surface.sequence.steps.len(),
-                vertex_count: self.surface.mesh.vertex_count(),
-                triangles: self.drawn(),
-                wrong,
-            };
-            self.coarse.levels.push(level);
+            self.note_level(wrong);
             match self.coarse.faces.is_empty() {
                 // Pictures see but an area; a character that is gone is off by half its size.
                 true => GONE_ERROR,

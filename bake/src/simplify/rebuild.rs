@@ -23,7 +23,7 @@ const RICH_TRIANGLES: usize = 64;
 const LEAST_PIECES: usize = 3;
 /// Triangles of a piece's first shape, and how often shapes are chosen, each time beside the last choice.
 const FIRST_TRIANGLES: usize = 8;
-const CHOICES: usize = 3;
+const CHOICES: usize = 2;
 /// Rounds of fitting all points together, before collapses and after.
 const ROUNDS: [usize; 2] = [2, 4];
 
@@ -54,6 +54,17 @@ struct Base {
 type Planted = Vec<([u32; 3], [u32; 3])>;
 
 impl Simplifier<'_> {
+    /// Writes down the level that the next steps make, which is `wrong`.
+    pub(super) fn note_level(&mut self, wrong: f64) {
+        let level = PicturedLevel {
+            first_step: self.surface.sequence.steps.len(),
+            vertex_count: self.surface.mesh.vertex_count(),
+            triangles: self.drawn(),
+            wrong,
+        };
+        self.coarse.levels.push(level);
+    }
+
     /// Builds the coarse end anew and proposes what can be done to it; the level of [`SETTLED_TRIANGLES`] has been reached.
     /// False where that looks no better, or nothing is known of limbs: this simplifier is then of no more use.
     pub(super) fn rebuild(&mut self, rig: &Rig) -> bool {
@@ -77,6 +88,7 @@ impl Simplifier<'_> {
         s.faces.iter_mut().for_each(|f| f.alive = false);
         s.faces_of.iter_mut().for_each(Vec::clear);
         s.links.iter_mut().for_each(Vec::clear);
+        self.coarse.rebuilt = true;
         let levels = std::mem::take(&mut self.coarse.levels);
         let mut shape = Shape::default();
         for (menu, choice) in menu.iter().zip(self.choose(&base, &menu)) {
@@ -85,6 +97,7 @@ impl Simplifier<'_> {
             }
         }
         self.replant(&base, &shape, true);
+        self.samples.restart(&self.surface);
         self.settle_together(&base, &mut shape, ROUNDS[0]);
         self.reduce(&base, shape.points.len());
 
@@ -93,6 +106,7 @@ impl Simplifier<'_> {
         self.fit_looks(&base, &planted, &mut shape);
         shape.weld();
         let planted = self.replant(&base, &shape, false);
+        self.samples.restart(&self.surface);
         self.fit_looks(&base, &planted, &mut shape);
         self.settle_together(&base, &mut shape, ROUNDS[1]);
         self.fit_looks(&base, &planted, &mut shape);
@@ -234,7 +248,6 @@ impl Simplifier<'_> {
         self.coarse.faces.clear();
         self.coarse.pictures.place_new(&self.surface);
         self.learn();
-        self.samples.restart(&self.surface);
         self.quadrics.resize(self.surface.faces_of.len());
         planted
     }
@@ -340,6 +353,7 @@ impl Simplifier<'_> {
 
     /// Ends the sequence so far with a step of all that lives onto `shape`, which is `wrong`, and goes on from there.
     fn replace(&mut self, base: &Base, shape: &Shape, wrong: f64) {
+        // The same points and faces as before, so that samples stay where they are.
         let planted = self.replant(base, shape, false);
         let steps = &self.surface.sequence.steps;
         let last = steps.last().map_or(0.0, |s| s.error_m);
