@@ -132,7 +132,8 @@ pub struct SceneCharacter {
     #[serde(default = "one")]
     pub scale: f32,
     /// Lifts the character so that the lowest point of its idle clip (of its first clip where it has no idle) is on the
-    /// ground, where that is off by more than 3 % of its height: for characters whose origin is not between their feet.
+    /// ground, where that is more than 3 % of its height above or 15 % below: for characters whose origin is not between their
+    /// feet.
     #[serde(default)]
     pub stand: bool,
 }

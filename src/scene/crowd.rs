@@ -251,11 +251,11 @@ pub fn lowest_point(character: &Baked) -> f32 {
     clip.map_or(0.0, |c| c.box_min.y)
 }
 
-/// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where its lowest point is off by
-/// less than 3 % of its height, which is how deep soles and paws sink in a clip.
+/// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where its lowest point is less than
+/// 3 % of its height above it, or less than 15 % below: soles and paws sink into it, and what hands hold may reach through it.
 fn lift_onto_ground(character: &Baked) -> f32 {
     let lowest = lowest_point(character);
-    if lowest.abs() > 0.03 * standing_height(character) {
+    if !(-0.15..=0.03).contains(&(lowest / standing_height(character))) {
         -lowest
     } else {
         0.0
