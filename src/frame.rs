@@ -1,6 +1,6 @@
 //! What goes into a frame and what comes out of it: agents, the view, options and the report.
 
-use glam::{Mat4, Vec3};
+use glam::{Mat3, Mat4, Vec3, Vec4};
 use serde::Serialize;
 
 use crate::error::RenderError;
@@ -69,7 +69,7 @@ impl From<&Agent> for AgentState {
 /// The camera. Clip space is Direct3D's: +Y up, depth 0 to 1; the shaders turn it over for Vulkan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Rigid; right-handed, looking along -Z.
+    /// Rigid, neither scaled nor mirrored; right-handed, looking along -Z.
     pub view_from_world: Mat4,
     /// Perspective; depth is reversed (near is 1) where [`crate::gpu::RendererDesc::reversed_depth`] says so.
     pub clip_from_view: Mat4,
@@ -121,6 +121,14 @@ impl View {
         };
         if !(self.clip_from_world().is_finite() && self.eye().is_finite()) {
             return Err(bad("its matrices are not finite"));
+        }
+        let axes = Mat3::from_mat4(self.view_from_world);
+        if !(axes * axes.transpose()).abs_diff_eq(Mat3::IDENTITY, 1e-3) || axes.determinant() < 0.0
+        {
+            return Err(bad("its view_from_world scales, shears or mirrors"));
+        }
+        if self.clip_from_view.row(3) != Vec4::NEG_Z {
+            return Err(bad("its clip_from_view is no perspective along -Z"));
         }
         if !(self.near > 0.0 && self.near.is_finite()) {
             return Err(bad("its near plane is not a distance greater than 0"));
@@ -229,6 +237,14 @@ impl FrameOptions {
                 reason: format!("{} is not a number of at least 0", self.pixel_error),
             });
         }
+        if let Some(c) = self.ground_color
+            && !(c.min_element() >= 0.0 && c.max_element() <= 1.0 && c.is_finite())
+        {
+            return Err(RenderError::BadOption {
+                option: "ground_color",
+                reason: format!("a channel of {c} is not from 0 to 1"),
+            });
+        }
         let l = &self.light;
         if !(l.to_sun.is_finite() && l.sun.is_finite() && l.sky.is_finite() && l.ground.is_finite())
         {
@@ -296,4 +312,55 @@ pub struct FrameReport {
     pub stage_ms: Vec<StageTime>,
     /// Agents by representation.
     pub representations: Vec<Representation>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_of_the_ground_are_from_0_to_1() {
+        for (channel, good) in [(0.0, true), (1.0, true), (-0.1, false), (f32::NAN, false)] {
+            let options = FrameOptions {
+                ground_color: Some(Vec3::new(0.5, channel, 0.5)),
+                ..FrameOptions::default()
+            };
+            assert_eq!(options.validate().is_ok(), good, "{channel}");
+        }
+    }
+
+    /// Projections that levels of detail cannot be chosen for are refused by name, not drawn wrongly.
+    #[test]
+    fn views_are_rigid_and_perspective() {
+        let good = View::perspective(Vec3::new(3.0, 2.0, 9.0), Vec3::Y, 0.8, 0.1, [64, 48]);
+        good.validate().unwrap();
+        let down = View::perspective(Vec3::Y, Vec3::ZERO, 0.8, 0.1, [64, 48]);
+        down.validate().unwrap();
+        let off_axis = View {
+            clip_from_view: Mat4::frustum_rh(-0.1, 0.2, -0.1, 0.1, 0.1, 100.0),
+            ..good
+        };
+        off_axis.validate().unwrap();
+        let reason = |view: View| view.validate().unwrap_err().to_string();
+        let scaled = View {
+            view_from_world: Mat4::from_scale(Vec3::splat(2.0)) * good.view_from_world,
+            ..good
+        };
+        assert!(reason(scaled).contains("scales"));
+        let mirrored = View {
+            view_from_world: Mat4::from_scale(Vec3::new(-1.0, 1.0, 1.0)) * good.view_from_world,
+            ..good
+        };
+        assert!(reason(mirrored).contains("mirrors"));
+        let orthographic = View {
+            clip_from_view: Mat4::orthographic_rh(-5.0, 5.0, -5.0, 5.0, 0.1, 100.0),
+            ..good
+        };
+        assert!(reason(orthographic).contains("perspective"));
+        let left_handed = View {
+            clip_from_view: Mat4::perspective_lh(0.8, 1.0, 0.1, 100.0),
+            ..good
+        };
+        assert!(reason(left_handed).contains("perspective"));
+    }
 }

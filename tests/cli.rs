@@ -426,6 +426,11 @@ fn what_cannot_be_drawn_is_refused_by_name() {
     assert!(
         draw(&[&scene, "--clip", "dance"]).contains("--clip dance: there is none; tetra has rest")
     );
+    let negative = draw(&[&scene, "--agents", "-3"]);
+    assert!(
+        negative.contains("--agents") && negative.contains("invalid value '-3'"),
+        "{negative}"
+    );
     assert!(draw(&[&scene, "--agents", "10000001"]).contains("the most is 10000000"));
     let text = std::fs::read_to_string(&scene).unwrap();
     std::fs::write(

@@ -110,6 +110,12 @@ impl Shot {
         }
         if let Some(count) = request.agents.filter(|_| !is_portrait) {
             scene.set_agent_count(count);
+            let number = scene.agent_count();
+            if number != count {
+                progress.warn(&format!(
+                    "--agents {count}: the scene has {number} with places of their own"
+                ));
+            }
         }
         scene.seed = request.seed.unwrap_or(scene.seed);
         let camera = match request.camera {
