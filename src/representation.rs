@@ -171,7 +171,8 @@ impl Representations {
             let mut best = (mesh_cost, BIN_NONE);
             for kind in &self.kinds {
                 let cost = kind.cost(costs, height_px);
-                if cost < best.0 && kind.error(height_px).is_some_and(|e| e <= pixel_error) {
+                let error = kind.error(height_px * kind.margin());
+                if cost < best.0 && error.is_some_and(|e| e <= pixel_error) {
                     best = (cost, kind.bin);
                 }
             }
@@ -206,7 +207,20 @@ const HEIGHT_MAX_PX: f32 = 4096.0;
 const STEPS_PER_OCTAVE: f32 = 8.0;
 const STEPS: u32 = 13 * 8;
 
+/// Heights by which `flat` has to be good enough for larger agents than it draws. Its curve is measured on agents that stand alone:
+/// there it gains by outlines that are softer than a mesh's what its inner edges lose, and in a crowd fewer outlines show. On
+/// the plaza five characters of another maker have 1.18 times the FLIP error of one-sample full, 1.21 without the margin, 1.12
+/// without `flat`.
+const FLAT_MARGIN: f32 = 1.2;
+
 impl ImpostorKind {
+    fn margin(&self) -> f32 {
+        match self.kind {
+            Kind::Flat => FLAT_MARGIN,
+            Kind::Quad => 1.0,
+        }
+    }
+
     /// Nanoseconds at a projected height.
     pub fn cost(&self, costs: &CostModel, height_px: f32) -> f32 {
         // Pixels along an axis that are shaded for so many that are covered, wherever blocks of them begin; less than one
