@@ -24,29 +24,9 @@
 //!
 //! # In a Vulkan program
 //! [`gpu::Renderer`] records into command buffers that the host owns. It never submits, presents or waits.
-//! Per frame in flight, after the host's fence for it:
-//! ```no_run
-//! use throng::{Agent, FrameOptions, RenderError, View, ash::vk, gpu::Renderer};
-//! # fn begin_rendering(_: vk::CommandBuffer) {}
-//! # fn end_rendering(_: vk::CommandBuffer) {}
-//! /// `slot` counts frames in flight: 0, 1, 0, 1, ... where there are two.
-//! unsafe fn record(
-//!     renderer: &mut Renderer, slot: usize, cmd: vk::CommandBuffer, agents: &[Agent], view: &View,
-//! ) -> Result<(), RenderError> {
-//!     unsafe {
-//!         renderer.begin_frame(slot)?; // `report(slot)` before this says what its last frame did
-//!         renderer.record_uploads(cmd)?; // of characters that are new
-//!         renderer.set_agents(slot, agents)?;
-//!         renderer.record_select(cmd, slot, view, &FrameOptions::default())?;
-//!         begin_rendering(cmd); // the host's: one colour and one depth attachment, of the view's size
-//!         renderer.record_draw(cmd, slot)?; // and the host's own draws, before or after
-//!         end_rendering(cmd);
-//!     }
-//!     Ok(())
-//! }
-//! ```
-//! [`gpu::requirements`] says what instance and device need; [`gpu::RendererDesc`], which formats and which depth. Several
-//! renderers may share a device, and a command buffer. A renderer is destroyed by [`gpu::Renderer::destroy`], before the device.
+//! [`gpu`] has a frame of it as code. [`gpu::requirements`] says what instance and device need; [`gpu::RendererDesc`], which
+//! formats and which depth. Several renderers may share a device, and a command buffer. A renderer is destroyed by
+//! [`gpu::Renderer::destroy`], before the device.
 //! [`ash`] and [`glam`] are the versions that these signatures are of.
 
 #![deny(unsafe_code)]

@@ -44,6 +44,22 @@ fn words_are_found_in_code_and_not_in_comments() {
     assert_eq!(line_with(text, "as"), None);
 }
 
+/// Unsafe code stands in src/gpu alone. The compiler refuses it elsewhere, but not in examples of the documentation.
+#[test]
+fn unsafe_stands_in_gpu_alone() {
+    for folder in ["src", "bake/src"] {
+        for file in files(folder, &["rs"]) {
+            if file.starts_with(root().join("src/gpu")) {
+                continue;
+            }
+            let text = std::fs::read_to_string(&file).unwrap();
+            for code in ["unsafe fn", "unsafe {", "unsafe impl", "unsafe trait"] {
+                assert!(!text.contains(code), "{}: {code}", file.display());
+            }
+        }
+    }
+}
+
 /// The twins are plain Rust: what they compute cannot come from the device.
 #[test]
 fn twins_and_bake_never_see_vulkan() {
