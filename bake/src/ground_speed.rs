@@ -5,7 +5,6 @@ use std::ops::Range;
 use glam::{Affine3A, Vec2, Vec3};
 
 use crate::mesh::Mesh;
-use crate::pose;
 
 /// Points within this share of the model's height above its lowest point in a clip may belong to a planted foot ...
 pub const LEVEL: f32 = 0.03;
@@ -38,15 +37,7 @@ pub fn ground_speed(
         return 0.0;
     }
     let places = |frame: &Vec<Affine3A>| -> Vec<Vec3> {
-        let posed = |&v: &u32| {
-            let (v, joints) = (v as usize, mesh.joints[v as usize]);
-            pose::skin(
-                frame,
-                joints.map(u16::from),
-                mesh.weights[v],
-                mesh.positions[v],
-            )
-        };
+        let posed = |&v: &u32| mesh.posed(frame, v as usize);
         vertices.iter().map(posed).collect()
     };
     let mut steps: Vec<Vec2> = Vec::new();

@@ -1,6 +1,8 @@
 //! The character as simplification sees it: one indexed mesh over all submeshes.
 
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
+
+use crate::pose;
 
 /// One mesh for the whole character. Every triangle lies in one submesh; per-vertex arrays are `[vertex_count]`.
 ///
@@ -49,6 +51,17 @@ impl Mesh {
     /// Number of vertices.
     pub fn vertex_count(&self) -> usize {
         self.positions.len()
+    }
+
+    /// Where a vertex stands under a palette.
+    pub fn posed(&self, palette: &[Affine3A], vertex: usize) -> Vec3 {
+        let joints = self.joints[vertex].map(u16::from);
+        pose::skin(
+            palette,
+            joints,
+            self.weights[vertex],
+            self.positions[vertex],
+        )
     }
 }
 

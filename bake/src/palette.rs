@@ -140,20 +140,11 @@ struct Bounds {
 }
 
 fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>]) -> Bounds {
-    let posed = |frame: &[Affine3A], v: u32| {
-        let v = v as usize;
-        pose::skin(
-            frame,
-            mesh.joints[v].map(u16::from),
-            mesh.weights[v],
-            mesh.positions[v],
-        )
-    };
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let mut lowest = vec![f32::INFINITY; cloud.len()];
     for frame in frames {
         for (&v, lowest) in cloud.iter().zip(&mut lowest) {
-            let p = posed(frame, v);
+            let p = mesh.posed(frame, v as usize);
             (min, max) = (min.min(p), max.max(p));
             *lowest = lowest.min(p.y);
         }
@@ -167,7 +158,7 @@ fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>
     let mut radius = 0.0f32;
     for frame in frames {
         for &v in cloud {
-            radius = radius.max(posed(frame, v).distance_squared(center));
+            radius = radius.max(mesh.posed(frame, v as usize).distance_squared(center));
         }
     }
     // Quantised positions and weights move vertices by less than this.

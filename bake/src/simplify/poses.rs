@@ -1,6 +1,6 @@
 //! The poses in which simplification measures its error.
 
-use glam::{Affine3A, Vec3};
+use glam::Affine3A;
 
 use crate::character::{Character, Joint};
 use crate::impostor::groups::names_head;
@@ -161,15 +161,12 @@ fn heads(character: &Character) -> Vec<bool> {
 /// Distances between fixed pairs of posed vertices: two poses that differ by a rigid motion have the same.
 fn descriptor(mesh: &Mesh, palette: &[Affine3A]) -> Vec<f32> {
     let count = mesh.vertex_count();
-    let posed = |i: usize| -> Vec3 {
-        let joints = mesh.joints[i].map(u16::from);
-        pose::skin(palette, joints, mesh.weights[i], mesh.positions[i])
-    };
     (0..DESCRIPTOR_LEN)
         .map(|k| {
             // Two low-discrepancy walks over the vertices.
             let at = |step: f64| ((k as f64 * step).fract() * count as f64) as usize;
-            posed(at(0.618_033_988_749)).distance(posed(at(0.414_213_562_373)))
+            mesh.posed(palette, at(0.618_033_988_749))
+                .distance(mesh.posed(palette, at(0.414_213_562_373)))
         })
         .collect()
 }

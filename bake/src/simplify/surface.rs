@@ -82,11 +82,10 @@ impl<'a> Surface<'a> {
         let mut posed = vec![0.0; wedges_of.len() * 3 * pose_count];
         for (point, wedges) in wedges_of.iter().enumerate() {
             let w = wedges[0] as usize;
-            let joints = mesh.joints[w].map(u16::from);
             let out = &mut posed[point * 3 * pose_count..][..3 * pose_count];
             for k in 0..pose_count {
                 let palette = palettes[k.min(palettes.len() - 1)];
-                let p = pose::skin(palette, joints, mesh.weights[w], mesh.positions[w]);
+                let p = mesh.posed(palette, w);
                 (out[k], out[pose_count + k], out[2 * pose_count + k]) = (p.x, p.y, p.z);
             }
         }
