@@ -379,7 +379,8 @@ fn weight(samples: &[LimbSample]) -> f32 {
     samples.iter().map(|s| s.weight).sum()
 }
 
-fn mean(samples: &[LimbSample]) -> Vec3 {
+/// Where samples are on average.
+pub(super) fn mean(samples: &[LimbSample]) -> Vec3 {
     let mut sum = Vec4::ZERO;
     for s in samples {
         sum += s.at.extend(1.0) * s.weight.max(1e-12);

@@ -110,9 +110,8 @@ pub fn simplify(mesh: &mut Mesh, poses: &PoseSet, images: &[&Image]) -> Collapse
         simplifier.propose(point);
     }
     while !simplifier.coarse.settled && simplifier.perform_next() {}
-    let collapsed = simplifier.clone();
-    if !simplifier.rebuild(&poses.rig) {
-        simplifier = collapsed;
+    if let Some(rebuilt) = simplifier.rebuilt(&poses.rig) {
+        simplifier = rebuilt;
     }
     while simplifier.perform_next() {}
     simplifier.finish(mesh)

@@ -65,18 +65,23 @@ impl Simplifier<'_> {
         self.coarse.levels.push(level);
     }
 
-    /// Builds the coarse end anew and proposes what can be done to it; the level of [`SETTLED_TRIANGLES`] has been reached.
-    /// False where that looks no better, or nothing is known of limbs: this simplifier is then of no more use.
-    pub(super) fn rebuild(&mut self, rig: &Rig) -> bool {
+    /// This simplifier with its coarse end built anew, the level of [`SETTLED_TRIANGLES`] having been reached. None where that
+    /// looks no better, or nothing is known of limbs.
+    pub(super) fn rebuilt(&self, rig: &Rig) -> Option<Self> {
         let (mesh, looks) = (&self.surface.mesh, self.samples.looks());
         let pieces = limbs::pieces(mesh, looks, rig, &self.samples.visibility);
-        let Some(submesh) = self.home() else {
-            return false;
-        };
+        let submesh = self.home()?;
         if pieces.len() < LEAST_PIECES || self.coarse.levels.is_empty() {
-            return false;
+            return None;
         }
         let menu: Vec<Vec<Shape>> = pieces.par_iter().map(|p| shapes(mesh, p)).collect();
+        let mut new = self.clone();
+        new.rebuild(submesh, &menu).then_some(new)
+    }
+
+    /// Builds the coarse end anew of the `menu` of shapes for each piece, and proposes what can be done to it; false where that
+    /// looks no better.
+    fn rebuild(&mut self, submesh: u8, menu: &[Vec<Shape>]) -> bool {
         let mut base = Base {
             points: self.surface.faces_of.len(),
             vertices: self.surface.mesh.vertex_count(),
@@ -91,7 +96,7 @@ impl Simplifier<'_> {
         self.coarse.rebuilt = true;
         let levels = std::mem::take(&mut self.coarse.levels);
         let mut shape = Shape::default();
-        for (menu, choice) in menu.iter().zip(self.choose(&base, &menu)) {
+        for (menu, choice) in menu.iter().zip(self.choose(&base, menu)) {
             if let Some(i) = choice {
                 shape.append(&menu[i]);
             }

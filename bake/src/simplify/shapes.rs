@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 
 use crate::mesh::Mesh;
 
-use super::limbs::{Kind, LimbSample, Piece};
+use super::limbs::{Kind, LimbSample, Piece, mean};
 
 /// Half the breadth of a ring over the standard deviation of the surface around a node: equal mean widths.
 const BREADTH: [f32; 2] = [1.71, 1.62];
@@ -285,7 +285,7 @@ impl Piece {
 
     /// Across `d`, the direction in which the samples lie farthest apart.
     fn across(&self, d: Vec3) -> Vec3 {
-        let center = self.mean();
+        let center = mean(&self.samples);
         let u = d.any_orthonormal_vector();
         let v = d.cross(u);
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
@@ -297,14 +297,6 @@ impl Piece {
         }
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         u * angle.cos() + v * angle.sin()
-    }
-
-    fn mean(&self) -> Vec3 {
-        let mut sum = Vec4::ZERO;
-        for s in &self.samples {
-            sum += s.at.extend(1.0) * s.weight;
-        }
-        sum.truncate() / sum.w.max(f32::MIN_POSITIVE)
     }
 
     /// The middle of the samples around a node, in its plane.
