@@ -16,7 +16,7 @@
 #define IMPOSTOR_POSE_MASK 0x7fffffu
 #define IMPOSTOR_FADE_SHIFT 23
 #define IMPOSTOR_FADES_OUT 0x80000000u
-// The bin of all characters' agents that are one quad.
+// The bins of all characters' agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
 #define FLAT_BIN 1
 // Ranges of projected size per character, and how much further than its end a range fades out.

@@ -1,4 +1,4 @@
-// impostor: draws every quad of an impostor kind of every agent that shows it; a sub-draw per kind. Twin: src/reference/impostor.rs
+// impostor: draws every quad of an impostor kind of every agent that shows it; a draw per kind. Twin: src/reference/impostor.rs
 // In: instance lists of the select stage; live_vertex_count is pose and fade.
 // Vertex numbers: 4 per quad.
 
@@ -126,8 +126,8 @@ float4 PSMain(Interpolants i) : SV_Target
     return Covering(lit, coverage);
 }
 #else
-// Quads of joints overlap: blended, they would let the ground shine through where they meet, and they hide each other by the
-// depth of every pixel.
+// Quads of joints overlap: blended, they would let the ground shine through where they meet. So what covers most of a pixel hides
+// what is behind it, by the depth of what it shows, and the rim around it blends from behind the body.
 float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
 {
     float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_height.xy, i.sun_mip.w);

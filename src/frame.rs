@@ -293,8 +293,7 @@ pub struct FrameReport {
     /// Agents that were drawn as depth first, so that they hide others.
     pub occluders: u64,
     /// API draw calls recorded: one per submesh of every character that has agents, and another one as depth where hidden
-    /// agents are looked for; one for all agents that are one quad, and one per character that may have `flat` impostors; plus
-    /// ground, shadow and sky.
+    /// agents are looked for; one per impostor kind that some agent may show; plus ground, shadow and sky.
     pub draw_calls: u64,
     /// Instances over all submeshes: entries of the instance lists.
     pub instances: u64,

@@ -1,4 +1,5 @@
-//! impostor: the quads of all agents that show an impostor kind, one indirect draw per kind for all characters. Host side of hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
+//! impostor: the quads of all agents that show an impostor kind, one indirect draw per kind for all characters. Host side of
+//! hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use ash::vk;
 use throng_bake::baked::PaletteEntry;

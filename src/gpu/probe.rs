@@ -30,7 +30,7 @@ pub(super) struct Probe {
     character: usize,
     probed: Probed,
     first_vertex: u32,
-    /// Its quads are of the kind that all characters share.
+    /// The kind is one quad for the whole body.
     one_quad: bool,
     vertex_count: u32,
 }
