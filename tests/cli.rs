@@ -3,6 +3,7 @@
 #[path = "common/program.rs"]
 mod program;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -473,6 +474,26 @@ fn a_built_in_character_goes_all_the_way() {
     assert!((3000..=8000).contains(&contents["triangle_count"].as_u64().unwrap()));
     let per_vertex = contents["bytes_per_vertex"]["total"].as_f64().unwrap();
     assert!(per_vertex <= 80.0, "{per_vertex}");
+
+    // Whoever writes dog.groups.toml finds its joints' names, and which go together by rule.
+    let joints = contents["joints"].as_array().unwrap();
+    assert_eq!(contents["joint_count"], joints.len());
+    let quads = contents["impostors"]["kinds"][0]["quads"]
+        .as_array()
+        .unwrap();
+    let group_of = |joint: &serde_json::Value| {
+        let group = joint["flat_group"].as_str().expect("by rule, all have one");
+        assert!(quads.iter().any(|q| q["name"] == group), "{group}");
+        group.to_string()
+    };
+    let groups: BTreeSet<String> = joints.iter().map(group_of).collect();
+    assert_eq!(groups.len(), quads.len());
+    let head = joints.iter().find(|j| j["name"] == "head").unwrap();
+    let above = &head["parent"];
+    assert!(joints.iter().any(|j| j["name"] == *above), "{above}");
+    let said = succeed(&["inspect", &baked, "--joints"]);
+    assert!(said.contains("  head "), "{said}");
+    assert!(!succeed(&["inspect", &baked]).contains("  head "));
 
     let few = path("dog_40.glb");
     succeed(&["export", &baked, "--triangles", "40", "-o", &few]);

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use serde::Serialize;
 use throng_bake::baked::{Baked, CollapseEntry, PaletteEntry, Vertex};
+use throng_bake::impostor::groups::Groups;
 use throng_bake::impostor::{self, ErrorSample, Kind};
 
 use super::cache;
@@ -21,7 +22,8 @@ use super::source::{self, Recipe};
                   error, joints, clips, impostors, and the bytes of each part. A source file or builtin:NAME is baked \
                   first.",
     after_help = "Examples:\n  throng inspect fox.throng\n  throng inspect fox.throng --json | jq .bytes_per_vertex\n  \
-                  throng inspect fox.throng --atlas fox.png    the impostors' pictures, to fox.png and fox_surface.png"
+                  throng inspect fox.throng --atlas fox.png    the impostors' pictures, to fox.png and fox_surface.png\n  \
+                  throng inspect fox.throng --joints           the names that fox.groups.toml may list"
 )]
 pub struct Arguments {
     /// A baked file, a source file, or builtin:NAME
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// As JSON
     #[arg(long)]
     json: bool,
+    /// Also list the joints: name, the joint above, and the group whose flat impostor shows it; --json always does
+    #[arg(long)]
+    joints: bool,
     /// Also write the impostors' pictures: colour with coverage as it is, and beside it, as OUT_surface.png, normals to the
     /// right and up in red and green and depth in blue
     #[arg(long, value_name = "OUT.png")]
@@ -49,7 +54,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.atlas {
         write_atlas(path, &baked, &arguments.file)?;
     }
-    let contents = Contents::of(&baked);
+    let mut contents = Contents::of(&baked);
+    if arguments.json || arguments.joints {
+        contents.joints = Some(Joint::all(&baked));
+    }
     if arguments.json {
         say(serde_json::to_string_pretty(&contents)? + "\n")
     } else {
@@ -82,6 +90,9 @@ pub struct Contents {
     pub triangle_count: u64,
     pub submeshes: Vec<Submesh>,
     pub joint_count: usize,
+    /// Only where they are asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<Joint>>,
     pub clips: Vec<Clip>,
     pub body_parts: Vec<String>,
     pub texture: Texture,
@@ -107,6 +118,54 @@ pub struct Band {
     vertex_count: u32,
     triangle_count: u32,
     error_m: f32,
+}
+
+/// A joint that vertices are bound to.
+#[derive(Serialize)]
+pub struct Joint {
+    name: String,
+    /// Name of the nearest joint above.
+    parent: Option<String>,
+    /// Name of the quad of the flat impostor that shows it. Absent without flat impostors; those of a sidecar file are only
+    /// known for the joints that quads follow, because drawing needs no more.
+    flat_group: Option<String>,
+}
+
+impl Joint {
+    fn all(baked: &Baked) -> Vec<Self> {
+        let name_of = |node: u32| baked.nodes[node as usize].name.clone();
+        let flat_kind = |i: &impostor::Impostors| {
+            let kind = i.kinds.iter().find(|k| k.kind == Kind::Flat)?;
+            let quads = i.quads.iter().skip(kind.first_quad as usize);
+            let quads = quads.take(kind.quad_count as usize);
+            Some(quads.map(|q| (q.name.clone(), q.joint)).collect())
+        };
+        let quads: Vec<(String, u32)> = (baked.impostors.as_ref())
+            .and_then(flat_kind)
+            .unwrap_or_default();
+        let by_rule = (!quads.is_empty()).then(|| Groups::by_rule(baked));
+        // Names and drivers that agree mean that the file's groups are those by rule.
+        let by_rule = by_rule.filter(|groups| {
+            let groups = groups.groups.iter().map(|g| (&g.name, g.driver));
+            groups.eq(quads.iter().map(|(name, joint)| (name, *joint)))
+        });
+        let flat_group = |joint: usize| match &by_rule {
+            Some(groups) => Some(quads[groups.of_joint[joint] as usize].0.clone()),
+            None => {
+                let quad = quads.iter().find(|(_, driver)| *driver as usize == joint);
+                quad.map(|(name, _)| name.clone())
+            }
+        };
+        let parents = throng_bake::impostor::pose::joint_parents(&baked.nodes, &baked.joints);
+        let joints = baked.joints.iter().zip(parents).enumerate();
+        joints
+            .map(|(i, (joint, parent))| Self {
+                name: name_of(joint.node),
+                parent: parent.map(|p| name_of(baked.joints[p].node)),
+                flat_group: flat_group(i),
+            })
+            .collect()
+    }
 }
 
 #[derive(Serialize)]
@@ -282,6 +341,7 @@ impl Contents {
             triangle_count,
             submeshes,
             joint_count: baked.joints.len(),
+            joints: None,
             clips: baked
                 .clips
                 .iter()
@@ -370,6 +430,22 @@ impl std::fmt::Display for Contents {
             ]);
         }
         writeln!(f, "{table}")?;
+        if let Some(joints) = &self.joints {
+            // Names line up on their left, unlike numbers.
+            let longest = |lengths: &mut dyn Iterator<Item = usize>| lengths.fold(11, usize::max);
+            let length = |name: &String| name.chars().count();
+            let joint = longest(&mut joints.iter().map(|j| length(&j.name)));
+            let above = longest(&mut joints.iter().filter_map(|j| j.parent.as_ref().map(length)));
+            let (head, above_head) = ("joint", "joint above");
+            writeln!(f, "  {head:joint$}  {above_head:above$}  flat impostor")?;
+            for j in joints {
+                let [parent, group] =
+                    [&j.parent, &j.flat_group].map(|n| n.as_deref().unwrap_or(""));
+                let line = format!("  {:joint$}  {parent:above$}  {group}", j.name);
+                writeln!(f, "{}", line.trim_end())?;
+            }
+            writeln!(f)?;
+        }
         if let Some(impostors) = &self.impostors {
             writeln!(f, "{impostors}")?;
         }

@@ -34,8 +34,8 @@ pub fn bind_palette(baked: &Baked) -> Vec<PaletteEntry> {
     vec![PaletteEntry::from_affine(&Affine3A::IDENTITY); baked.joints.len()]
 }
 
-/// The nearest joint above each palette joint.
-pub(crate) fn joint_parents(nodes: &[Node], joints: &[Joint]) -> Vec<Option<usize>> {
+/// The nearest joint above each palette joint, as an index into `joints`.
+pub fn joint_parents(nodes: &[Node], joints: &[Joint]) -> Vec<Option<usize>> {
     let mut joint_of_node: Vec<Option<usize>> = vec![None; nodes.len()];
     for (i, j) in joints.iter().enumerate() {
         joint_of_node[j.node as usize].get_or_insert(i);
