@@ -13,11 +13,13 @@ use serde::Deserialize;
 use crate::frame::Light;
 
 mod check;
+mod clips;
 mod crowd;
 mod motion;
 
+pub use clips::{find_clip, standing_clip};
 use crowd::ring_starts;
-pub use crowd::{Crowd, find_clip, lowest_point, standing_clip, standing_height};
+pub use crowd::{Crowd, lowest_point, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;

@@ -36,7 +36,9 @@ use super::source::Recipe;
                   height = 0.5                # metres; as it is where left out\n\n  \
                   [[crowd]]\n  count = 500\n  area.rectangle = { size = [30, 20] }\n  motion = \"wander\"\n  \
                   clips = [{ name = \"run\", share = 2 }, { name = \"idle\" }]\n\n  \
-                  [[camera]]\n  position = [0, 4, 20]\n  target = [0, 0, 0]"
+                  [[camera]]\n  position = [0, 4, 20]\n  target = [0, 0, 0]\n\n\
+                  Clips are found by their name, else without regard to case, else by a word in it that begins so (Walking_A \
+                  for walk), else by other words for the same (Gallop, Jog for run); a note says which was taken."
 )]
 pub struct Arguments {
     /// A scene file, or the name of a built-in scene
@@ -62,7 +64,7 @@ pub struct Arguments {
     /// The time to draw, in seconds, in place of a frame
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     time: Option<f32>,
-    /// Everybody plays this clip, in place of the scene's
+    /// Everybody plays this clip, in place of the scene's; named as in scenes
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
     /// Which of the scene's cameras; the first where left out

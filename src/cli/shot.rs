@@ -144,6 +144,9 @@ impl Shot {
         for warning in &crowd.warnings {
             progress.warn(warning);
         }
+        for note in &crowd.notes {
+            progress.note(note);
+        }
         Ok(Self {
             scene,
             characters,

@@ -9,6 +9,7 @@ use throng_bake::baked::{Baked, BakedClip};
 use super::motion::{Random, Rect, Walk, facing, heading_of};
 use crate::frame::{Agent, CharacterId};
 
+use super::clips::{Heard, look_up_clips, standing_clip};
 use super::{Area, Motion, Scene, SceneClip, SceneCrowd};
 
 /// Everything about a scene's agents that does not change with time.
@@ -17,6 +18,8 @@ pub struct Crowd {
     agents: Vec<Walker>,
     /// What could not be done as the scene says, for the user.
     pub warnings: Vec<String>,
+    /// Which clips were taken for names that are not theirs, for the user; one a character.
+    pub notes: Vec<String>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -39,11 +42,15 @@ impl Scene {
         let mut crowd = Crowd {
             agents: Vec::with_capacity(self.agent_count()),
             warnings: Vec::new(),
+            notes: Vec::new(),
         };
+        let mut heard = Heard::default();
         for (i, group) in self.crowds.iter().enumerate() {
             let seed = Random::new(self.seed, i as u64).next_u64();
-            self.populate_group(group, characters, seed, &mut crowd);
+            self.populate_group(group, characters, seed, &mut crowd, &mut heard);
         }
+        crowd.notes = heard.notes();
+        crowd.warnings = heard.warnings;
         crowd
     }
 
@@ -53,6 +60,7 @@ impl Scene {
         characters: &[&Baked],
         seed: u64,
         crowd: &mut Crowd,
+        heard: &mut Heard,
     ) {
         let cast: Vec<usize> = (0..self.characters.len().min(characters.len()))
             .filter(|&i| {
@@ -65,7 +73,7 @@ impl Scene {
         let shares: Vec<f32> = cast.iter().map(|&i| self.characters[i].share).collect();
         let clips: Vec<Vec<usize>> = cast
             .iter()
-            .map(|&i| look_up_clips(group, characters[i], &mut crowd.warnings))
+            .map(|&i| look_up_clips(group, characters[i], heard))
             .collect();
         let lifts: Vec<f32> = cast
             .iter()
@@ -184,58 +192,6 @@ fn pace(
     }
 }
 
-/// Index of each of the group's clips in the character, with a warning where there is none by that name.
-fn look_up_clips(group: &SceneCrowd, character: &Baked, warnings: &mut Vec<String>) -> Vec<usize> {
-    let names = character.clips.iter().map(|c| c.name.as_str());
-    let find = |clip: &SceneClip| {
-        find_clip(names.clone(), &clip.name).unwrap_or_else(|| {
-            let stands = standing_clip(character);
-            let name = names.clone().nth(stands).unwrap_or("none");
-            let warning = format!(
-                "{}: it has no clip '{}'; its clip '{name}' takes its place",
-                character.name, clip.name
-            );
-            // Other crowds may have said so before.
-            if !warnings.contains(&warning) {
-                warnings.push(warning);
-            }
-            stands
-        })
-    };
-    group.clips.iter().map(find).collect()
-}
-
-/// Index of the clip that `name` means among a character's clip names.
-///
-/// An equal name, else one that is equal without regard to case, else the shortest that has it as its last word
-/// (`Man_Walk` for `walk`), else the shortest that contains it.
-pub fn find_clip<'a>(names: impl Iterator<Item = &'a str> + Clone, name: &str) -> Option<usize> {
-    let wanted = name.to_lowercase();
-    let rank = |candidate: &str| {
-        let lower = candidate.to_lowercase();
-        let is_last_word = lower
-            .strip_suffix(&wanted)
-            .is_some_and(|rest| rest.ends_with(|c: char| !c.is_alphanumeric()));
-        let kind = if candidate == name {
-            0
-        } else if lower == wanted {
-            1
-        } else if is_last_word {
-            2
-        } else if lower.contains(&wanted) {
-            3
-        } else {
-            return None;
-        };
-        Some((kind, lower.len()))
-    };
-    names
-        .enumerate()
-        .filter_map(|(i, n)| rank(n).map(|r| (r, i)))
-        .min()
-        .map(|(_, i)| i)
-}
-
 /// Height of a character that stands: from its idle clip's box, or the first clip's where it has no idle.
 pub fn standing_height(character: &Baked) -> f32 {
     match character.clips.get(standing_clip(character)) {
@@ -260,11 +216,6 @@ fn lift_onto_ground(character: &Baked) -> f32 {
     } else {
         0.0
     }
-}
-
-/// Index of the clip that a character stands in: its idle one, else its first.
-pub fn standing_clip(character: &Baked) -> usize {
-    find_clip(character.clips.iter().map(|c| c.name.as_str()), "idle").unwrap_or(0)
 }
 
 /// Index that `unit`, from 0 to 1, falls on when each has a stretch as long as its share.

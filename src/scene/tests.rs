@@ -304,11 +304,55 @@ fn clips_are_found_by_the_nearest_name() {
     assert_eq!(find(1, "walk"), Some(0));
     assert_eq!(find(5, "IDLE"), Some(2));
     assert_eq!(find(5, "swim"), None);
+    // Names as makers of characters give them, and which is meant.
+    let robot = "Robot_Dance Robot_Idle Robot_WalkJump Robot_Running Robot_Walking";
+    let rogue = "Jump_Idle Running_B Running_A Walking_Backwards Walking_A Unarmed_Idle Idle";
+    let wolf = "Animal|Eating Animal|Gallop_Jump Animal|Gallop Animal|Idle_2 Animal|Walk";
+    let mannequin = "Jog_Fwd_Loop Push_Loop Sprint_Loop Walk_Loop Walk_Formal_Loop Grunt";
+    for (names, name, meant) in [
+        (robot, "walk", Some("Robot_Walking")),
+        (robot, "run", Some("Robot_Running")),
+        (robot, "walkjump", Some("Robot_WalkJump")),
+        (rogue, "walk", Some("Walking_A")),
+        (rogue, "run", Some("Running_B")),
+        (rogue, "idle", Some("Idle")),
+        (wolf, "run", Some("Animal|Gallop")),
+        (wolf, "walk", Some("Animal|Walk")),
+        (wolf, "idle", Some("Animal|Idle_2")),
+        (wolf, "canter", Some("Animal|Gallop")),
+        (mannequin, "run", Some("Sprint_Loop")),
+        (mannequin, "walk", Some("Walk_Loop")),
+        ("Kick Trot Gallop", "walk", Some("Trot")),
+        ("Kick Trot Gallop", "run", Some("Gallop")),
+        ("Kick Catwalk", "walk", Some("Catwalk")),
+        ("Drunk Prune", "run", Some("Drunk")),
+        ("Bite Gallop", "walk", None),
+        ("Bite", "", Some("Bite")),
+    ] {
+        let all: Vec<&str> = names.split(' ').collect();
+        let found = find_clip(all.iter().copied(), name).map(|i| all[i]);
+        assert_eq!(found, meant, "{name} of {names}");
+    }
     let mut scene = parse(SMALL).unwrap();
     scene.crowds[0].clips[0].name = "swim".into();
     let warnings = crowd(&scene).warnings;
     assert_eq!(warnings.len(), 2, "one a character: {warnings:?}");
     assert!(warnings[0].contains("ann") && warnings[0].contains("swim"));
+}
+
+#[test]
+fn clips_of_other_names_are_told_once_a_character() {
+    let mut scene = parse(SMALL).unwrap();
+    let again = scene.crowds[0].clone();
+    scene.crowds.push(again);
+    // `Idle` for `idle` needs no word.
+    let notes = crowd(&scene).notes;
+    assert_eq!(
+        notes,
+        ["ann", "dog"].map(|name| format!(
+            "{name}: its clip 'Man_Walk' is taken for 'walk', its clip 'Man_Run' is taken for 'run'"
+        ))
+    );
 }
 
 #[test]
