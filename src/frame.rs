@@ -6,9 +6,28 @@ use serde::Serialize;
 use crate::error::RenderError;
 use crate::gpu_types::AgentState;
 
-/// A character that a renderer knows; given by `add_character`, in rising order from 0.
+/// A character that a renderer knows; given by `add_character`, in rising order from 0 while none is removed. That of a
+/// character that was removed is never given again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct CharacterId(pub u32);
+
+impl CharacterId {
+    const SLOT_BITS: u32 = 16;
+    /// Characters that may have a place one after the other.
+    pub(crate) const GENERATIONS: u32 = 1 << (32 - Self::SLOT_BITS);
+
+    /// The character that takes a place after `generation` others had it; `None` where ids do not reach so far.
+    pub(crate) fn new(slot: usize, generation: u32) -> Option<Self> {
+        let slot = u32::try_from(slot).ok()?;
+        let fits = slot < 1 << Self::SLOT_BITS && generation < Self::GENERATIONS;
+        fits.then_some(Self(generation << Self::SLOT_BITS | slot))
+    }
+
+    /// Its place in the renderer's tables; that of a character that was removed may be another's by now.
+    pub fn slot(self) -> usize {
+        (self.0 & ((1 << Self::SLOT_BITS) - 1)) as usize
+    }
+}
 
 /// One member of the crowd. World space is right-handed, +Y up, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,7 +75,7 @@ impl From<&Agent> for AgentState {
             heading_cos,
             heading_sin,
             scale: agent.scale,
-            character: agent.character.0,
+            character: agent.character.slot() as u32,
             clips: agent.clips[0] | (second << 16),
             phase0: agent.phases[0],
             phase1: agent.phases[1],

@@ -1,12 +1,15 @@
 //! impostor: the quads of all agents that show an impostor kind, one indirect draw per kind for all characters. Host side of
 //! hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
+use std::ops::Range;
+
 use ash::vk;
 use throng_bake::baked::PaletteEntry;
 use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
 use crate::gpu::{Commands, Drawing};
 use crate::gpu_types::{BandInfo, FLAT_BIN, QUAD_BIN};
+use crate::pool::Pool;
 
 /// Records the draws of all impostors that may have agents.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
@@ -38,7 +41,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
 }
 
 /// The impostors of all characters as the device reads them: a table, cube maps of view cells, and all atlases on a grid of
-/// squares in one picture. Grows, never shrinks. One picture, and not an array, because lavapipe samples arrays of pictures
+/// squares in one picture. What a character had is free for others once it is removed; nobody else's moves. One picture, and not an array, because lavapipe samples arrays of pictures
 /// at twice the cost.
 ///
 /// The table is a texture. Texel 0 is 1 over the picture's width and height, the side of a square and the number of columns.
@@ -53,26 +56,41 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Gallery {
     /// The table; texel 0 is written when it is uploaded.
-    pub texels: Vec<[f32; 4]>,
+    pub texels: Pool<[f32; 4]>,
     /// Three views and a zero, `[view set][CUBE_TEXELS]`.
-    pub cells: Vec<[u16; 4]>,
+    pub cells: Pool<[u16; 4]>,
     /// Side of a square in texels: the longest of any atlas.
     pub side: u32,
     /// Mips of the picture: the most of any atlas.
     pub mip_count: u32,
-    /// Atlases.
+    /// Squares that have atlases, and those between them.
     pub atlas_count: u32,
     /// The most quads of any kind.
     pub quad_count: u32,
     /// The picture is of BC7 blocks. The first atlas decides.
     pub blocks: bool,
+    /// What stands in each square.
+    squares: Vec<Option<Square>>,
 }
 
-/// Where a character's impostors stand in the table.
+/// What an atlas asks of the whole gallery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Square {
+    side: u32,
+    mip_count: u32,
+    /// The most quads of any kind.
+    quad_count: u32,
+}
+
+/// Where a character's impostors stand in the gallery.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Block {
     /// Texel of its first pose.
     pub first_pose: u32,
+    /// The square of its atlas.
+    pub square: u32,
+    texels: Range<usize>,
+    cells: Range<usize>,
 }
 
 impl Gallery {
@@ -94,11 +112,11 @@ impl Gallery {
             + 3 * (impostors.quads.len() + impostors.tiles.len() + palette_len) as u64
     }
 
-    /// The side of a square where one more atlas has to fit. Every mip of it begins and ends with a block of 4x4 texels.
+    /// The side of a square where one more atlas has to fit.
     pub fn side_with(&self, atlas: &Atlas) -> u32 {
         let mip_count = self.mip_count.max(atlas.mip_count);
         let side = self.side.max(atlas.width).max(atlas.height);
-        side.next_multiple_of(4 << mip_count.saturating_sub(1))
+        Self::rounded_side(side, mip_count)
     }
 
     /// Columns of the grid for a number of atlases; it has no more rows than columns.
@@ -112,13 +130,35 @@ impl Gallery {
         [columns, self.atlas_count.div_ceil(columns).max(1)]
     }
 
-    /// Appends the impostors of a validated character, whose palette they follow.
-    pub fn append(&mut self, impostors: &Impostors, palette: &[PaletteEntry]) -> Block {
+    /// Texel of the table where a character's block would begin.
+    pub fn block_place(&self, block_size: u64) -> u64 {
+        // Texel 0 is nobody's.
+        self.texels.place(block_size as usize).max(1) as u64
+    }
+
+    /// The square where one more atlas would stand.
+    pub fn next_square(&self) -> u32 {
+        let free = self.squares.iter().position(Option::is_none);
+        free.unwrap_or(self.squares.len()) as u32
+    }
+
+    /// Whether an atlas stands in a square.
+    pub fn has_atlas(&self, square: u32) -> bool {
+        matches!(self.squares.get(square as usize), Some(Some(_)))
+    }
+
+    /// Takes in the impostors of a validated character, whose palette they follow.
+    pub fn insert(&mut self, impostors: &Impostors, palette: &[PaletteEntry]) -> Block {
         if self.texels.is_empty() {
-            self.texels.push([0.0; 4]);
+            self.texels = Pool::from(vec![[0.0; 4]]);
         }
+        let size = Self::block_size(impostors, palette.len());
+        let square = self.next_square();
+        let cell_count = impostors.view_sets.iter().map(|s| s.cells.len()).sum();
+        let first_cube = (self.cells.place(cell_count) / CUBE_TEXELS) as u32;
+        let mut texels = Vec::with_capacity(size as usize);
         let pose_count = pose_texels(impostors);
-        let first_pose = self.texels.len() as u32;
+        let first_pose = self.block_place(size) as u32;
         let first_quad = first_pose + pose_count;
         let mut first_view = first_quad + 3 * impostors.quads.len() as u32;
         let mut first_views = Vec::with_capacity(impostors.view_sets.len());
@@ -144,51 +184,82 @@ impl Gallery {
                     tile(q.first_tile + pose * views),
                 ]
             });
-            self.texels.push([quad, tile, flat_texel, flat_count]);
+            texels.push([quad, tile, flat_texel, flat_count]);
         }
         let palette_texel = first_tile + 3 * impostors.tiles.len() as u32;
         let last_mip = impostors.atlas.mip_count.saturating_sub(1) as f32;
         for q in &impostors.quads {
             let set = q.view_set as usize;
-            let cube = self.view_set_count() + q.view_set;
-            self.texels.push(q.center.extend(q.depth_extent).to_array());
-            self.texels.push([
+            let cube = first_cube + q.view_set;
+            texels.push(q.center.extend(q.depth_extent).to_array());
+            texels.push([
                 joint_texel(q),
                 tile(q.first_tile),
                 first_views[set] as f32,
                 palette_texel as f32,
             ]);
-            self.texels
-                .push([cube as f32, self.atlas_count as f32, last_mip, 0.0]);
+            texels.push([cube as f32, square as f32, last_mip, 0.0]);
         }
         for set in &impostors.view_sets {
             for (direction, right) in set.directions.iter().zip(&set.rights) {
-                self.texels.push(direction.extend(0.0).to_array());
-                self.texels.push(right.extend(0.0).to_array());
+                texels.push(direction.extend(0.0).to_array());
+                texels.push(right.extend(0.0).to_array());
             }
         }
         for t in &trimmed_tiles(impostors) {
             let [u, v] = t.texel.map(f32::from);
             let [width, height] = t.size.map(f32::from);
-            self.texels.push([t.min[0], t.min[1], t.max[0], t.max[1]]);
+            texels.push([t.min[0], t.min[1], t.max[0], t.max[1]]);
             // The bottom edge is the last row's.
-            self.texels.push([u, v + height, u + width, v]);
+            texels.push([u, v + height, u + width, v]);
             let [x, y, z] = t.lean;
-            self.texels.push([x, y, z, 0.0]);
+            texels.push([x, y, z, 0.0]);
         }
         if flat.is_some() {
-            self.texels.extend(palette.iter().flat_map(|e| e.rows));
+            texels.extend(palette.iter().flat_map(|e| e.rows));
         }
-        for set in &impostors.view_sets {
-            self.cells.extend(&set.cells);
-        }
+        let cells = impostors.view_sets.iter().flat_map(|s| &s.cells).copied();
         let atlas = &impostors.atlas;
-        self.mip_count = self.mip_count.max(atlas.mip_count);
-        self.side = self.side_with(atlas);
-        self.atlas_count += 1;
-        let counts = impostors.kinds.iter().map(|k| k.quad_count);
-        self.quad_count = counts.fold(self.quad_count, u32::max);
-        Block { first_pose }
+        if square as usize == self.squares.len() {
+            self.squares.push(None);
+        }
+        self.squares[square as usize] = Some(Square {
+            side: atlas.width.max(atlas.height),
+            mip_count: atlas.mip_count,
+            quad_count: impostors.kinds.iter().fold(0, |n, k| n.max(k.quad_count)),
+        });
+        self.measure();
+        assert_eq!(texels.len() as u64, size, "as block_size says");
+        Block {
+            first_pose,
+            square,
+            texels: self.texels.insert(texels),
+            cells: self.cells.insert(cells.collect()),
+        }
+    }
+
+    /// Frees what [`Self::insert`] took. A gallery on the device shows the others as before until it is made anew.
+    pub fn remove(&mut self, block: Block) {
+        self.texels.remove(block.texels);
+        self.cells.remove(block.cells);
+        self.squares[block.square as usize] = None;
+        while self.squares.pop_if(|s| s.is_none()).is_some() {}
+        self.measure();
+    }
+
+    /// Makes the sizes those of the atlases that are there.
+    fn measure(&mut self) {
+        self.atlas_count = self.squares.len() as u32;
+        let all = || self.squares.iter().flatten();
+        self.mip_count = all().map(|s| s.mip_count).max().unwrap_or(0);
+        self.quad_count = all().map(|s| s.quad_count).max().unwrap_or(0);
+        let side = all().map(|s| s.side).max().unwrap_or(0);
+        self.side = Self::rounded_side(side, self.mip_count);
+    }
+
+    /// A square's side at least so long, of which every mip begins and ends with a block of 4x4 texels.
+    fn rounded_side(side: u32, mip_count: u32) -> u32 {
+        side.next_multiple_of(4 << mip_count.saturating_sub(1))
     }
 }
 

@@ -43,6 +43,7 @@ pub mod impostor;
 pub mod limit;
 pub mod mesh;
 pub mod occlude;
+pub mod pool;
 pub mod prepare;
 pub mod reference;
 pub mod representation;

@@ -17,6 +17,9 @@ pub(crate) fn record<'a>(
     let layout = drawing.pipelines.draw_layout;
     let mut bound = None;
     for part in parts {
+        let Some(resident) = &drawing.residents[part.character] else {
+            continue;
+        };
         let pipeline = if flat { part.floor } else { part.limit };
         if bound != Some(pipeline) {
             c.bind_pipeline(GRAPHICS, pipeline);
@@ -26,7 +29,7 @@ pub(crate) fn record<'a>(
             }
             bound = Some(pipeline);
         }
-        c.bind_set(GRAPHICS, layout, 1, drawing.residents[part.character].set);
+        c.bind_set(GRAPHICS, layout, 1, resident.set);
         c.push_constants(layout, DRAW_STAGES, &part.constants);
         c.bind_instances(&part.vertices);
         c.bind_indices(&part.indices);

@@ -21,9 +21,12 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
     let mut bound = None;
     let mut handed_over = 0;
     for (character, resident) in drawing.residents.iter().enumerate() {
-        if !slot.may_draw(character, BIN_NONE) {
+        let Some(resident) = resident
+            .as_ref()
+            .filter(|_| slot.may_draw(character, BIN_NONE))
+        else {
             continue;
-        }
+        };
         for (i, draw) in resident.draws.iter().enumerate() {
             let variant = draw.variant();
             if bound != Some(variant) {

@@ -46,6 +46,7 @@ fn draw(c: &mut Commands, drawing: &Drawing) {
     let layout = pipelines.draw_layout;
     let mut bound = None;
     for (resident, &agents) in drawing.residents.iter().zip(&slot.agent_counts) {
+        let Some(resident) = resident else { continue };
         let mut first = true;
         let solid = |d: &&crate::prepare::SubmeshDraw| d.alpha_cutoff.is_none() && agents > 0;
         for draw in resident.draws.iter().filter(solid) {

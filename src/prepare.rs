@@ -1,5 +1,9 @@
 //! Before the first frame: validates a baked character and makes the arrays that the GPU reads.
 
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::Zeroable;
 use glam::{Affine3A, Vec3, Vec4};
 use throng_bake::baked::{Baked, BakedClip, Band, PaletteEntry, Vertex};
 use throng_bake::impostor::PoseRange;
@@ -7,54 +11,73 @@ use throng_bake::mesh::Mesh;
 use throng_bake::quantize::{decode_position, decode_weights};
 
 use crate::error::RenderError;
-use crate::frame::FrameOptions;
+use crate::frame::{CharacterId, FrameOptions};
 use crate::gpu_types::{
     BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, FLAT_BIN, LEVEL_SHIFT,
     LevelInfo, RangeInfo, SubmeshInfo,
 };
 use crate::impostor::{self, Gallery};
+use crate::pool::Pool;
 use crate::representation::{CostModel, Representations};
 use crate::scene::lowest_point;
 
 /// A contact shadow's radius as a share of the root of its character's box from above.
 const SHADOW_SHARE: f32 = 1.2;
 
-/// The tables of the select stage: all characters one after the other. Grows, never shrinks.
+/// The tables of the select stage, of all characters. What one had is free for others once it is removed; nobody else's moves.
 #[derive(Debug, Clone)]
 pub struct Tables {
-    /// By `CharacterId`.
+    /// By [`CharacterId::slot`].
     pub characters: Vec<CharacterInfo>,
     /// Clips of all characters.
-    pub clips: Vec<ClipInfo>,
+    pub clips: Pool<ClipInfo>,
     /// Clips of each character.
     pub clip_counts: Vec<u32>,
     /// Submeshes of all characters.
-    pub submeshes: Vec<SubmeshInfo>,
+    pub submeshes: Pool<SubmeshInfo>,
     /// The window of one quad, then the bands of all submeshes, and behind those of a character the windows of its impostor
     /// kinds that follow joints; the place here is the bin.
-    pub bands: Vec<BandInfo>,
+    /// Shared with the reports of frames in flight.
+    pub bands: Arc<Pool<BandInfo>>,
     /// Levels of detail of all submeshes.
-    pub levels: Vec<LevelInfo>,
+    pub levels: Pool<LevelInfo>,
     /// Height of each character's bounds above its origin, bind-space units, whatever it does.
     pub tops: Vec<f32>,
     /// What draws each character.
     pub representations: Vec<Representations>,
     /// Impostors of all characters.
     pub gallery: Gallery,
+    /// What each character holds of the tables.
+    held: Vec<Held>,
+}
+
+/// A character's place in the tables.
+#[derive(Debug, Clone, Default)]
+struct Held {
+    /// Its id; `None` where there is nobody.
+    id: Option<CharacterId>,
+    /// How many characters had the place before.
+    generation: u32,
+    clips: Range<usize>,
+    submeshes: Range<usize>,
+    bands: Range<usize>,
+    levels: Range<usize>,
+    block: Option<impostor::Block>,
 }
 
 impl Default for Tables {
     fn default() -> Self {
         Self {
             characters: Vec::new(),
-            clips: Vec::new(),
+            clips: Pool::default(),
             clip_counts: Vec::new(),
-            submeshes: Vec::new(),
-            bands: vec![impostor::window(1), impostor::window(0)],
-            levels: Vec::new(),
+            submeshes: Pool::default(),
+            bands: Arc::new(Pool::from(vec![impostor::window(1), impostor::window(0)])),
+            levels: Pool::default(),
             tops: Vec::new(),
             representations: Vec::new(),
             gallery: Gallery::default(),
+            held: Vec::new(),
         }
     }
 }
@@ -82,20 +105,114 @@ impl Tables {
         self.representations.iter().flat_map(ranges).collect()
     }
 
-    /// Appends a validated character.
-    pub fn append(&mut self, baked: &Baked) {
-        let first_bin = self.bands.len() as u32;
+    /// The place of a character; `None` where there is none of that id, or no longer.
+    pub fn slot_of(&self, id: CharacterId) -> Option<usize> {
+        let held = self.held.get(id.slot());
+        held.filter(|h| h.id == Some(id)).map(|_| id.slot())
+    }
+
+    /// The id that the next character gets; `None` where there are as many as ids tell apart.
+    pub fn next_id(&self) -> Option<CharacterId> {
+        // A place whose numbers are used up stays empty.
+        let is_free = |h: &Held| h.id.is_none() && h.generation < CharacterId::GENERATIONS;
+        let slot = self.held.iter().position(is_free);
+        let slot = slot.unwrap_or(self.held.len());
+        let generation = self.held.get(slot).map_or(0, |h| h.generation);
+        CharacterId::new(slot, generation)
+    }
+
+    /// Where the bands and submeshes of one more character would begin.
+    pub fn next_bin_and_submesh(&self, baked: &Baked) -> (u32, u32) {
+        let bin = self.bands.place(baked.bands.len());
+        let submesh = self.submeshes.place(baked.submeshes.len());
+        (bin as u32, submesh as u32)
+    }
+
+    /// Takes in a validated character, as `id`, which is [`Self::next_id`].
+    pub fn insert(&mut self, baked: &Baked, id: CharacterId) {
+        let slot = id.slot();
+        if slot == self.held.len() {
+            self.characters.push(CharacterInfo::zeroed());
+            self.clip_counts.push(0);
+            self.tops.push(0.0);
+            self.representations.push(Representations::default());
+            self.held.push(Held::default());
+        }
+        let (first_bin, _) = self.next_bin_and_submesh(baked);
         let joint_count = baked.joints.len() as u32;
         let errors = SkinningErrors::measure(baked);
         let block = baked
             .impostors
             .as_ref()
-            .map(|i| self.gallery.append(i, &baked.palette));
-        self.bands[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
-        self.characters.push(CharacterInfo {
-            first_submesh: self.submeshes.len() as u32,
+            .map(|i| self.gallery.insert(i, &baked.palette));
+        let mut clips = Vec::with_capacity(baked.clips.len());
+        for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {
+            let poses = baked.impostors.as_ref().and_then(|x| x.clip_poses.get(i));
+            let poses = poses.copied().unwrap_or(PoseRange {
+                first_pose: 0,
+                pose_count: 0,
+            });
+            let center = (clip.box_min + clip.box_max) * 0.5;
+            let half_extent = clip.box_max - center;
+            clips.push(ClipInfo {
+                sphere_center: clip.sphere_center.into(),
+                sphere_radius: clip.sphere_radius,
+                box_center: center.into(),
+                first_pose: poses.first_pose + block.as_ref().map_or(0, |b| b.first_pose),
+                box_half_extent: half_extent.into(),
+                pose_count: poses.pose_count,
+                first_frame: clip.first_frame,
+                frame_count: clip.frame_count,
+                nearest_error,
+                shadow_radius: SHADOW_SHARE * (half_extent.x * half_extent.z).sqrt(),
+            });
+        }
+        // Levels are numbered from the first of the character's, and moved to their place once their number is known.
+        let (mut levels, mut submeshes) = (Vec::new(), Vec::new());
+        for submesh in &baked.submeshes {
+            let errors: Vec<f32> = baked.collapse[submesh.first_vertex as usize..]
+                [..submesh.vertex_count as usize]
+                .iter()
+                .map(|c| c.error)
+                .collect();
+            let bands = &baked.bands[submesh.first_band as usize..][..submesh.band_count as usize];
+            let first_level = levels.len() as u32;
+            let first_bin = first_bin + submesh.first_band;
+            let first_key = append_levels(&mut levels, &errors, bands, first_bin);
+            submeshes.push(SubmeshInfo {
+                first_level,
+                level_count: levels.len() as u32 - first_level,
+                first_key,
+                vertex_count: submesh.vertex_count,
+            });
+        }
+        let levels = self.levels.insert(levels);
+        for submesh in &mut submeshes {
+            submesh.first_level += levels.start as u32;
+        }
+        let bands = baked.bands.iter().zip(waiting_vertex_counts(baked));
+        let bands = bands.map(|(b, waiting)| BandInfo {
+            first_index: b.first_index,
+            index_count: b.index_count,
+            vertex_count: b.vertex_count,
+            waiting_vertex_count: waiting,
+        });
+        let windows = Arc::make_mut(&mut self.bands);
+        windows[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
+        let generation = self.held[slot].generation;
+        let held = Held {
+            id: Some(id),
+            generation,
+            clips: self.clips.insert(clips),
+            submeshes: self.submeshes.insert(submeshes),
+            bands: windows.insert(bands.collect()),
+            levels,
+            block,
+        };
+        self.characters[slot] = CharacterInfo {
+            first_submesh: held.submeshes.start as u32,
             submesh_count: baked.submeshes.len() as u32,
-            first_clip: self.clips.len() as u32,
+            first_clip: held.clips.start as u32,
             joint_count,
             influences1_error: errors.influences[0],
             influences2_error: errors.influences[1],
@@ -105,61 +222,35 @@ impl Tables {
             padding0: 0,
             padding1: 0,
             padding2: 0,
-        });
-        self.clip_counts.push(baked.clips.len() as u32);
-        self.tops
-            .push(baked.clips.iter().fold(0.0, |top, c| c.box_max.y.max(top)));
-        for (i, (clip, &nearest_error)) in baked.clips.iter().zip(&errors.nearest).enumerate() {
-            let poses = baked.impostors.as_ref().and_then(|x| x.clip_poses.get(i));
-            let poses = poses.copied().unwrap_or(PoseRange {
-                first_pose: 0,
-                pose_count: 0,
-            });
-            let center = (clip.box_min + clip.box_max) * 0.5;
-            let half_extent = clip.box_max - center;
-            self.clips.push(ClipInfo {
-                sphere_center: clip.sphere_center.into(),
-                sphere_radius: clip.sphere_radius,
-                box_center: center.into(),
-                first_pose: poses.first_pose + block.map_or(0, |b| b.first_pose),
-                box_half_extent: half_extent.into(),
-                pose_count: poses.pose_count,
-                first_frame: clip.first_frame,
-                frame_count: clip.frame_count,
-                nearest_error,
-                shadow_radius: SHADOW_SHARE * (half_extent.x * half_extent.z).sqrt(),
-            });
+        };
+        self.clip_counts[slot] = baked.clips.len() as u32;
+        self.tops[slot] = baked.clips.iter().fold(0.0, |top, c| c.box_max.y.max(top));
+        self.representations[slot] = Representations::new(baked);
+        self.held[slot] = held;
+    }
+
+    /// Frees what a character holds, whose id means nobody from now on. Returns its place; `None` where there is none.
+    pub fn remove(&mut self, id: CharacterId) -> Option<usize> {
+        let slot = self.slot_of(id)?;
+        let nobody = Held {
+            generation: self.held[slot].generation + 1,
+            ..Held::default()
+        };
+        let held = std::mem::replace(&mut self.held[slot], nobody);
+        let windows = Arc::make_mut(&mut self.bands);
+        windows.remove(held.bands);
+        if let Some(block) = held.block {
+            self.gallery.remove(block);
+            windows[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
         }
-        for submesh in &baked.submeshes {
-            let errors: Vec<f32> = baked.collapse[submesh.first_vertex as usize..]
-                [..submesh.vertex_count as usize]
-                .iter()
-                .map(|c| c.error)
-                .collect();
-            let bands = &baked.bands[submesh.first_band as usize..][..submesh.band_count as usize];
-            let first_level = self.levels.len() as u32;
-            let first_key = append_levels(
-                &mut self.levels,
-                &errors,
-                bands,
-                first_bin + submesh.first_band,
-            );
-            self.submeshes.push(SubmeshInfo {
-                first_level,
-                level_count: self.levels.len() as u32 - first_level,
-                first_key,
-                vertex_count: submesh.vertex_count,
-            });
-        }
-        let waiting = waiting_vertex_counts(baked);
-        let bands = baked.bands.iter().zip(waiting);
-        self.bands.extend(bands.map(|(b, waiting)| BandInfo {
-            first_index: b.first_index,
-            index_count: b.index_count,
-            vertex_count: b.vertex_count,
-            waiting_vertex_count: waiting,
-        }));
-        self.representations.push(Representations::new(baked));
+        self.clips.remove(held.clips);
+        self.submeshes.remove(held.submeshes);
+        self.levels.remove(held.levels);
+        self.characters[slot] = CharacterInfo::zeroed();
+        self.clip_counts[slot] = 0;
+        self.tops[slot] = 0.0;
+        self.representations[slot] = Representations::default();
+        Some(slot)
     }
 }
 

@@ -429,6 +429,12 @@ fn a_host_draws_a_crowd_between_its_own_draws() {
                         .expect("a character"),
                 );
             }
+            // And one leaves, which the other slot's frame may still draw.
+            if frame == 5 {
+                renderer
+                    .remove_character(characters.swap_remove(0))
+                    .expect("it is there");
+            }
             renderer.begin_frame(slot).expect("begun");
             // The crowd grows, so buffers are made anew between frames.
             renderer
@@ -489,6 +495,19 @@ fn calls_out_of_order_are_refused() {
         ));
         renderer.begin_frame(0).expect("begun");
         order(renderer.record_select(cmd, 0, &view, &options(Method::Lod)));
+        // A crowd from before characters came or went has to be handed in again.
+        renderer.set_agents(0, &[]).expect("nobody");
+        let id = renderer
+            .add_character(&baked_mascot())
+            .expect("a character");
+        order(renderer.record_select(cmd, 0, &view, &options(Method::Lod)));
+        renderer.set_agents(0, &crowd(3, &[id])).expect("agents");
+        renderer.remove_character(id).expect("it is there");
+        order(renderer.record_select(cmd, 0, &view, &options(Method::Lod)));
+        assert!(matches!(
+            renderer.set_agents(0, &crowd(3, &[id])),
+            Err(RenderError::BadAgent { index: 0, .. })
+        ));
         renderer.destroy();
         host.destroy();
     }

@@ -172,7 +172,7 @@ fn counts_hold_for_crowds_of_any_size() {
                 .map(|i| i.live_vertex_count as u64)
                 .sum();
             let bands = &headless.tables().bands;
-            let waiting: u64 = (lists.draws.iter().zip(bands))
+            let waiting: u64 = (lists.draws.iter().zip(bands.iter()))
                 .map(|(d, b)| d.instance_count as u64 * b.waiting_vertex_count as u64)
                 .sum();
             assert_eq!(live - waiting, report.live_vertices);

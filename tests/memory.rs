@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{baked_mascot, crowd, options, view};
-use throng::Method;
+use common::{baked_mascot, baked_mascot_with_impostors, crowd, options, view};
 use throng::gpu::{Headless, HeadlessDesc};
+use throng::{CharacterId, Method};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -15,7 +15,8 @@ fn resident_kb() -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Neither frames nor changes of the crowd's size, the method or the picture's size leave anything behind.
+/// Neither frames nor changes of the crowd's size, the method or the picture's size leave anything behind, nor do characters
+/// that come and go. One test, because the memory is of all that run at the same time.
 #[test]
 fn memory_does_not_grow_over_a_thousand_frames() {
     // Without the validation layer, whose own records would be counted, too.
@@ -25,7 +26,15 @@ fn memory_does_not_grow_over_a_thousand_frames() {
     })
     .expect("a Vulkan device");
     let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    let other = baked_mascot_with_impostors();
+    let mut guest = None;
     let mut draw = |frame: usize| {
+        if frame.is_multiple_of(5)
+            && let Some(id) = guest.replace(headless.add_character(&other).expect("it uploads"))
+        {
+            headless.remove_character(id).expect("it is there");
+        }
+        let ids: Vec<CharacterId> = guest.into_iter().chain([id]).collect();
         let size = if frame % 100 < 50 { SIZE } else { [48, 64] };
         if frame.is_multiple_of(50) {
             headless.resize(size).expect("a size");
@@ -33,9 +42,10 @@ fn memory_does_not_grow_over_a_thousand_frames() {
         let method = match frame % 20 {
             0 => Method::Uninstanced,
             1 => Method::Full,
+            n if n % 2 == 0 => Method::Hybrid,
             _ => Method::Lod,
         };
-        let agents = crowd(1 + (frame * 37) % 200, &[id]);
+        let agents = crowd(1 + (frame * 37) % 200, &ids);
         headless
             .render(&agents, &view(size), &options(method))
             .expect("a frame");

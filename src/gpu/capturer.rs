@@ -109,8 +109,14 @@ impl<'a> Capturer<'a> {
         };
         let cx = &renderer.cx;
         let o = &mut self.objects;
-        let (resident, upload) =
-            resident::make(cx, &mut renderer.pipelines, self.baked, 0, 0, 0, (0, false))?;
+        let (resident, upload) = resident::make(
+            cx,
+            &mut renderer.pipelines,
+            self.baked,
+            0,
+            (0, 0),
+            (0, false),
+        )?;
         let variants: Vec<MeshVariant> = (resident.draws.iter())
             .flat_map(|d| [d.variant(), both_faces(d.variant())])
             .collect();
@@ -122,9 +128,7 @@ impl<'a> Capturer<'a> {
         }
         // SAFETY: the command buffer is recording and outside rendering.
         let mut c = unsafe { Commands::new(cx, self.headless.core.cmd) };
-        let staging = c.label("upload", |c| {
-            upload.record(c, std::slice::from_ref(resident))
-        });
+        let staging = c.label("upload", |c| upload.record(c, resident));
         let done = self.headless.core.submit_and_wait(Ok(()));
         cx.destroy_buffer(staging);
         done?;

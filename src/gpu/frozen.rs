@@ -306,8 +306,9 @@ impl Frozen {
 
 /// Errors where the characters are not those that the renderer has.
 fn check_characters(renderer: &Renderer, characters: &[Baked]) -> Result<(), RenderError> {
-    let same = |(baked, resident): (&Baked, &super::resident::Resident)| {
-        prepare::validate(baked).is_ok() && prepare::submesh_draws(baked) == resident.draws
+    let same = |(baked, resident): (&Baked, &Option<super::resident::Resident>)| {
+        let draws = resident.as_ref().map(|r| &r.draws[..]);
+        prepare::validate(baked).is_ok() && draws == Some(&prepare::submesh_draws(baked)[..])
     };
     let known = renderer.residents.len() == characters.len()
         && characters.iter().zip(&renderer.residents).all(same);

@@ -61,6 +61,7 @@ pub(super) fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) ->
     let mut meshes = Vec::new();
     let mut impostors = Vec::new();
     for (character, (resident, baked)) in renderer.residents.iter().zip(characters).enumerate() {
+        let Some(resident) = resident else { continue };
         for draw in &resident.draws {
             let mut plan = Plan::new(character, Look::Mesh(draw.variant()));
             plan.constants.first_vertex = draw.first_vertex;
@@ -223,7 +224,9 @@ impl Plan {
         let layout = renderer.pipelines.probe_layout;
         c.bind_pipeline(COMPUTE, pipeline);
         c.bind_set(COMPUTE, layout, 0, slot.draw_set);
-        c.bind_set(COMPUTE, layout, 1, renderer.residents[self.character].set);
+        if let Some(resident) = &renderer.residents[self.character] {
+            c.bind_set(COMPUTE, layout, 1, resident.set);
+        }
         if let Some(gallery) = &renderer.gallery {
             c.bind_set(COMPUTE, layout, 2, gallery.set);
         }

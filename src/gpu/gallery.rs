@@ -1,5 +1,5 @@
-//! The impostors of all characters on the device. Made anew, and larger, when characters with impostors were added; the
-//! atlases that are there already are copied on the device.
+//! The impostors of all characters on the device. Made anew, as large as is needed then, when characters with impostors were
+//! added; the atlases that are there already are copied on the device.
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -28,7 +28,8 @@ pub(crate) struct Gallery {
     staging: Option<Staged>,
     side: u32,
     columns: u32,
-    atlas_count: u32,
+    /// Squares that have atlases.
+    squares: Vec<u32>,
     pool: vk::DescriptorPool,
 }
 
@@ -43,7 +44,7 @@ struct Staged {
 
 /// Where a character's pictures stand in its staging buffer, by mip, and which atlas of the gallery they become.
 pub(crate) struct AtlasCopies {
-    atlas: u32,
+    square: u32,
     colors: Vec<vk::BufferImageCopy>,
     surfaces: Vec<vk::BufferImageCopy>,
 }
@@ -75,11 +76,13 @@ pub(super) fn check(
                 .into(),
         });
     }
-    let before = gallery.texels.len() as u64;
-    let texels = before + impostor::Gallery::block_size(impostors, palette_len);
+    let block_size = impostor::Gallery::block_size(impostors, palette_len);
+    let before = gallery.block_place(block_size);
+    let texels = before + block_size;
     let poses = before + u64::from(impostor::pose_texels(impostors));
     let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
-    let columns = impostor::Gallery::columns(gallery.atlas_count + 1);
+    let atlas_count = gallery.atlas_count.max(gallery.next_square() + 1);
+    let columns = impostor::Gallery::columns(atlas_count);
     let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
     for (needed, limit, unit) in [
         (
@@ -120,7 +123,7 @@ pub(super) fn check(
 pub(super) fn stage_atlas(
     staging: &mut Staging,
     atlas: &Atlas,
-    place: u32,
+    square: u32,
     blocks: bool,
 ) -> AtlasCopies {
     let mut texels = |pixels: &[[u8; 4]]| -> Vec<_> {
@@ -148,7 +151,7 @@ pub(super) fn stage_atlas(
         _ => (texels(&atlas.color), texels(&atlas.surface)),
     };
     AtlasCopies {
-        atlas: place,
+        square,
         colors,
         surfaces,
     }
@@ -175,7 +178,9 @@ impl Gallery {
             staging: None,
             side: tables.side,
             columns: tables.grid()[0],
-            atlas_count: tables.atlas_count,
+            squares: (0..tables.atlas_count)
+                .filter(|&square| tables.has_atlas(square))
+                .collect(),
             pool: vk::DescriptorPool::null(),
         };
         match gallery.fill(cx, pipelines, tables) {
@@ -194,7 +199,7 @@ impl Gallery {
         tables: &impostor::Gallery,
     ) -> Result<(), RenderError> {
         let mut staging = Staging::default();
-        let mut texels = tables.texels.clone();
+        let mut texels = tables.texels.to_vec();
         let [width, height] = tables.grid().map(|n| n * tables.side);
         texels[0] = [
             1.0 / width as f32,
@@ -260,10 +265,10 @@ impl Gallery {
         Ok(())
     }
 
-    /// First texel of an atlas's square in a mip.
-    fn origin(&self, atlas: u32, mip: u32) -> vk::Offset3D {
+    /// First texel of a square in a mip.
+    fn origin(&self, square: u32, mip: u32) -> vk::Offset3D {
         let [x, y] =
-            [atlas % self.columns, atlas / self.columns].map(|i| ((i * self.side) >> mip) as i32);
+            [square % self.columns, square / self.columns].map(|i| ((i * self.side) >> mip) as i32);
         vk::Offset3D { x, y, z: 0 }
     }
 
@@ -311,16 +316,27 @@ impl Gallery {
                 c.barrier(Access::TransferWrite, &[Access::TransferWrite]);
             };
             in_order(c);
-            if let Some(before) = before {
+            // A square that a new character took is not what it was.
+            let is_new = |square: &u32| new.iter().any(|(_, copies)| copies.square == *square);
+            let kept = |before: &Gallery| {
+                let kept = self.squares.iter().copied();
+                kept.filter(|s| !is_new(s) && before.squares.contains(s))
+                    .collect::<Vec<u32>>()
+            };
+            if let Some(before) = before
+                && let kept = kept(before)
+                && !kept.is_empty()
+            {
                 use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
                 let from = &before.images[place];
                 let source = (L::TRANSFER_SRC_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_READ);
                 c.image_barrier(from, READABLE, source, color);
-                let copies = (0..before.atlas_count).flat_map(|atlas| {
-                    (0..from.mips).map(move |mip| {
-                        let side = (before.side >> mip).max(1);
-                        let (from, to) = (before.origin(atlas, mip), self.origin(atlas, mip));
-                        (mip, from, to, [side; 2])
+                // Smaller where what asked for the size is gone: all that stay fit.
+                let (mips, side) = (from.mips.min(image.mips), before.side.min(self.side));
+                let copies = kept.into_iter().flat_map(|square| {
+                    (0..mips).map(move |mip| {
+                        let (from, to) = (before.origin(square, mip), self.origin(square, mip));
+                        (mip, from, to, [(side >> mip).max(1); 2])
                     })
                 });
                 c.copy_image(from, image, copies);
@@ -332,7 +348,7 @@ impl Gallery {
                     _ => &copies.surfaces,
                 };
                 let mips = (0..).zip(mips).map(|(mip, copy)| vk::BufferImageCopy {
-                    image_offset: self.origin(copies.atlas, mip),
+                    image_offset: self.origin(copies.square, mip),
                     ..*copy
                 });
                 c.copy_to_image(staging, image, &mips.collect::<Vec<_>>());

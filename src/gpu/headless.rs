@@ -145,6 +145,11 @@ impl Headless {
         self.renderer_mut().add_character(baked)
     }
 
+    /// As [`Renderer::remove_character`].
+    pub fn remove_character(&mut self, character: CharacterId) -> Result<(), RenderError> {
+        self.renderer_mut().remove_character(character)
+    }
+
     /// Makes a target of another size.
     ///
     /// Errors: [`RenderError::BadOption`] for a size of 0 or above the device's limit, [`RenderError::Memory`].

@@ -53,8 +53,9 @@ impl Probe {
         let cx = &renderer.cx;
         let mut one_quad = false;
         let found = renderer
-            .residents
-            .get(character.0 as usize)
+            .tables
+            .slot_of(character)
+            .and_then(|slot| renderer.residents[slot].as_ref())
             .and_then(|r| match probed {
                 Probed::Mesh(submesh) => {
                     let first = r.draws.get(submesh)?.first_vertex;
@@ -62,7 +63,7 @@ impl Probe {
                     Some((first, info.vertex_count))
                 }
                 Probed::Impostor(kind) => {
-                    let kinds = &renderer.tables.representations[character.0 as usize].kinds;
+                    let kinds = &renderer.tables.representations[character.slot()].kinds;
                     let kind = kinds.get(kind)?;
                     one_quad = kind.bin == QUAD_BIN;
                     let window = &renderer.tables.bands[kind.bin as usize];
@@ -101,7 +102,7 @@ impl Probe {
             output,
             pool,
             set,
-            character: character.0 as usize,
+            character: character.slot(),
             probed,
             first_vertex,
             one_quad,
@@ -126,12 +127,9 @@ impl Probe {
         };
         c.bind_pipeline(COMPUTE, pipeline);
         c.bind_set(COMPUTE, p.probe_layout, 0, draw_set);
-        c.bind_set(
-            COMPUTE,
-            p.probe_layout,
-            1,
-            renderer.residents[self.character].set,
-        );
+        if let Some(resident) = &renderer.residents[self.character] {
+            c.bind_set(COMPUTE, p.probe_layout, 1, resident.set);
+        }
         if let Some(gallery) = &renderer.gallery {
             c.bind_set(COMPUTE, p.probe_layout, 2, gallery.set);
         }

@@ -22,7 +22,7 @@ impl Renderer {
     /// that `record_uploads` recorded into.
     ///
     /// Errors: [`RenderError::BadOption`], [`RenderError::Memory`] for a picture of another size, and [`RenderError::Order`]
-    /// before `set_agents`, or where a character's upload was never recorded.
+    /// before `set_agents`, where characters were added or removed since, or where a character's upload was never recorded.
     pub unsafe fn record_select(
         &mut self,
         cmd: vk::CommandBuffer,
@@ -34,13 +34,15 @@ impl Renderer {
         view.validate()?;
         options.validate()?;
         let tables = &self.tables;
-        let slot = self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))?;
+        let slot = self.slots.get(frame).ok_or_else(|| no_slot(frame))?;
         if !slot.begun || slot.buffers.is_none() {
             return Err(RenderError::Order {
                 call: "record_select",
                 reason: "begin_frame and set_agents come first",
             });
         }
+        self.check_crowd(slot, "record_select")?;
+        let slot = &mut self.slots[frame];
         // Seen from well above all heads, agents hide but the ground behind them.
         let among_heads = view.eye().y <= slot.highest + EYE_ABOVE_HEADS * slot.tallest;
         let occlusion = options.looks_for_hidden() && among_heads && !slot.agents.is_empty();
@@ -125,7 +127,7 @@ impl Renderer {
             occlusion,
             upload_ms: slot.upload_ms,
             record_ms: start.elapsed().as_secs_f64() * 1e3,
-            bins: tables.bands.len(),
+            bands: tables.bands.clone(),
         });
         Ok(())
     }
@@ -136,7 +138,8 @@ impl Renderer {
     /// # Safety
     /// `cmd` is recording and inside rendering; what `record_select` recorded for this frame runs before it.
     ///
-    /// Errors: [`RenderError::Order`] before `record_select`, or where a character's upload was never recorded.
+    /// Errors: [`RenderError::Order`] before `record_select`, where characters were added or removed since `set_agents`, or
+    /// where a character's upload was never recorded.
     pub unsafe fn record_draw(
         &mut self,
         cmd: vk::CommandBuffer,
@@ -149,7 +152,11 @@ impl Renderer {
             });
         }
         let start = Instant::now();
-        let slot = self.slots.get_mut(frame).ok_or_else(|| no_slot(frame))?;
+        let slot = self.slots.get(frame).ok_or_else(|| no_slot(frame))?;
+        if slot.recorded.is_some() {
+            self.check_crowd(slot, "record_draw")?;
+        }
+        let slot = &mut self.slots[frame];
         let Some(mut recorded) = slot.recorded.take() else {
             return Err(RenderError::Order {
                 call: "record_draw",
@@ -179,7 +186,7 @@ impl Renderer {
         stamp(c, slot, Stamp::GroundEnd);
         if recorded.options.ground && recorded.options.shadows {
             c.label("shadow", |c| {
-                crate::shadow::record(c, &drawing, recorded.cpu.as_ref(), recorded.bins)
+                crate::shadow::record(c, &drawing, recorded.cpu.as_ref(), recorded.bands.len())
             });
         }
         stamp(c, slot, Stamp::ShadowEnd);

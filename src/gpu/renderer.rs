@@ -82,10 +82,10 @@ pub struct Renderer {
     pub(super) tables: Tables,
     pub(super) table_buffers: Option<TableBuffers>,
     pub(super) table_version: u64,
-    pub(super) residents: Vec<Resident>,
+    /// By [`CharacterId::slot`]; `None` where a character was removed.
+    pub(super) residents: Vec<Option<Resident>>,
     /// Impostors of all characters that were uploaded.
     pub(super) gallery: Option<Gallery>,
-    names: Vec<String>,
     pub(super) uploads: Vec<Upload>,
     pub(super) slots: Vec<Slot>,
     garbage: Vec<Garbage>,
@@ -104,6 +104,7 @@ struct Garbage {
 enum Discarded {
     Buffer(Buffer),
     Gallery(Box<Gallery>),
+    Resident(Box<Resident>),
 }
 
 impl Discarded {
@@ -111,6 +112,7 @@ impl Discarded {
         match self {
             Self::Buffer(buffer) => cx.destroy_buffer(buffer),
             Self::Gallery(gallery) => gallery.destroy(cx),
+            Self::Resident(resident) => resident.destroy(cx),
         }
     }
 }
@@ -118,7 +120,7 @@ impl Discarded {
 /// What the stages' recording reads.
 pub(crate) struct Drawing<'a> {
     pub pipelines: &'a Pipelines,
-    pub residents: &'a [Resident],
+    pub residents: &'a [Option<Resident>],
     pub gallery: Option<&'a Gallery>,
     pub slot: &'a Slot,
 }
@@ -152,7 +154,6 @@ impl Renderer {
             table_version: 0,
             residents: Vec::new(),
             gallery: None,
-            names: Vec::new(),
             uploads: Vec::new(),
             slots: Vec::new(),
             garbage: Vec::new(),
@@ -193,7 +194,8 @@ impl Renderer {
         &self.tables
     }
 
-    /// Validates a character and makes its objects; the next [`Renderer::record_uploads`] fills them.
+    /// Validates a character and makes its objects; the next [`Renderer::record_uploads`] fills them. Between frames: a
+    /// crowd that [`Renderer::set_agents`] took before is refused after it.
     ///
     /// Errors: [`RenderError::BadCharacter`], [`RenderError::Limit`], [`RenderError::Vulkan`], [`RenderError::Memory`];
     /// the renderer is then as before.
@@ -216,22 +218,61 @@ impl Renderer {
                 baked.palette.len(),
             )?;
         }
-        let (atlas, blocks) = (gallery.atlas_count, gallery.blocks);
+        let (square, blocks) = (gallery.next_square(), gallery.blocks);
+        let id = self.tables.next_id().ok_or_else(|| RenderError::Limit {
+            object: format!("character '{}'", baked.name),
+            needed: self.residents.len() as u64 + 1,
+            limit: self.residents.len() as u64,
+            unit: "characters",
+            hint: "remove others before, or make another renderer",
+        })?;
         let (resident, upload) = resident::make(
             &self.cx,
             &mut self.pipelines,
             baked,
-            self.residents.len(),
-            self.tables.bands.len() as u32,
-            self.tables.submeshes.len() as u32,
-            (atlas, blocks),
+            id.slot(),
+            self.tables.next_bin_and_submesh(baked),
+            (square, blocks),
         )?;
-        self.residents.push(resident);
+        if id.slot() == self.residents.len() {
+            self.residents.push(None);
+        }
+        self.residents[id.slot()] = Some(resident);
         self.uploads.push(upload);
-        self.names.push(baked.name.clone());
-        self.tables.append(baked);
+        self.tables.insert(baked, id);
         self.table_version += 1;
-        Ok(CharacterId(self.residents.len() as u32 - 1))
+        Ok(id)
+    }
+
+    /// Removes a character. Its id means nobody from now on, and agents that still have it are refused; all others keep theirs.
+    /// Between frames, as [`Renderer::add_character`].
+    ///
+    /// Its objects are destroyed once every slot has begun again, because commands of frames in flight may use them. Its
+    /// place in the tables is free for the next character; its pictures' place in the gallery as well, which is made anew, as
+    /// large as is needed then, when the next character with impostors is uploaded, and is destroyed with the last of them.
+    ///
+    /// Errors: [`RenderError::BadOption`] where there is no such character, or no longer.
+    pub fn remove_character(&mut self, character: CharacterId) -> Result<(), RenderError> {
+        let Some(slot) = self.tables.remove(character) else {
+            return Err(RenderError::BadOption {
+                option: "character",
+                reason: format!("there is no character {}", character.0),
+            });
+        };
+        self.table_version += 1;
+        if let Some(at) = self.uploads.iter().position(|u| u.character() == slot) {
+            // Never recorded, so no command uses it.
+            self.uploads.remove(at).destroy(&self.cx);
+        }
+        if let Some(resident) = self.residents[slot].take() {
+            self.discard(Discarded::Resident(Box::new(resident)));
+        }
+        if self.tables.gallery.atlas_count == 0
+            && let Some(gallery) = self.gallery.take()
+        {
+            self.discard(Discarded::Gallery(Box::new(gallery)));
+        }
+        Ok(())
     }
 
     /// Starts a frame in slot `frame`, of which the library may now reuse everything.
@@ -297,7 +338,10 @@ impl Renderer {
         let staging = c.label("upload", |c| {
             uploads
                 .into_iter()
-                .map(|u| u.record(c, residents))
+                .filter_map(|u| {
+                    let resident = residents[u.character()].as_ref()?;
+                    Some(u.record(c, resident))
+                })
                 .collect::<Vec<_>>()
         });
         for buffer in staging {
@@ -377,8 +421,20 @@ impl Renderer {
         if let Some(buffers) = &mut slot.buffers {
             buffers.agents.write(0, &slot.agents);
         }
+        slot.crowd_version = self.table_version;
         slot.upload_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(())
+    }
+
+    /// Errors: [`RenderError::Order`] where characters came or went since the frame's crowd was handed in.
+    pub(super) fn check_crowd(&self, slot: &Slot, call: &'static str) -> Result<(), RenderError> {
+        match slot.crowd_version == self.table_version {
+            true => Ok(()),
+            false => Err(RenderError::Order {
+                call,
+                reason: "characters were added or removed since set_agents: hand in the crowd again",
+            }),
+        }
     }
 
     /// Destroys every object.
@@ -390,7 +446,7 @@ impl Renderer {
         for slot in self.slots.drain(..) {
             slot.destroy(cx);
         }
-        for resident in self.residents.drain(..) {
+        for resident in self.residents.drain(..).flatten() {
             resident.destroy(cx);
         }
         for upload in self.uploads.drain(..) {
@@ -456,9 +512,10 @@ pub(super) fn no_slot(frame: usize) -> RenderError {
 /// The GPU's form of an agent, checked.
 fn agent_state(tables: &Tables, index: usize, agent: &Agent) -> Result<AgentState, RenderError> {
     let bad = |reason: String| Err(RenderError::BadAgent { index, reason });
-    let Some(&clip_count) = tables.clip_counts.get(agent.character.0 as usize) else {
+    let Some(place) = tables.slot_of(agent.character) else {
         return bad(format!("there is no character {}", agent.character.0));
     };
+    let clip_count = tables.clip_counts[place];
     if agent.clips[0] >= clip_count || (agent.blend > 0.0 && agent.clips[1] >= clip_count) {
         return bad(format!(
             "its clips are {:?} and its character has {clip_count}",

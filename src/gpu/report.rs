@@ -63,7 +63,7 @@ impl Renderer {
             ),
         };
         let (mut instances, mut triangles, mut waiting) = (0, 0, 0);
-        for (bin, band) in self.tables.bands.iter().enumerate().take(recorded.bins) {
+        for (bin, band) in recorded.bands.iter().enumerate() {
             let count = count(bin);
             instances += count;
             triangles += count * (band.index_count / 3) as u64;
@@ -112,7 +112,7 @@ impl Renderer {
         let all: Vec<u8> = buffers
             .readback
             .read((2 * tally_bytes + draw_bytes + instance_bytes) as usize);
-        let bins = recorded.bins;
+        let bins = recorded.bands.len();
         let tally: Vec<u32> =
             bytemuck::pod_collect_to_vec(&all[tally_bytes as usize..][..4 * (TALLY_BINS + bins)]);
         let rest = &all[2 * tally_bytes as usize..];
@@ -156,7 +156,7 @@ impl Renderer {
         if !recorded.occlusion {
             return (0, 0);
         }
-        let bands = self.tables.bands.iter().enumerate().take(recorded.bins);
+        let bands = recorded.bands.iter().enumerate();
         let triangles = bands
             .map(|(bin, band)| tallied(slot, TALLY_BINS + bin) * (band.index_count / 3) as u64);
         (tallied(slot, TALLY_MESHES), triangles.sum())

@@ -99,16 +99,15 @@ pub(super) fn copy(offset: u64, mip: u32, size: [u32; 2], layer: u32) -> vk::Buf
     }
 }
 
-/// Makes a validated character's objects; the upload fills them. `atlas` is the place of its impostors in the gallery, and
-/// whether they are blocks there.
+/// Makes a validated character's objects; the upload fills them. Its bands and submeshes begin at places in the tables; the
+/// last pair is the square of its impostors in the gallery, and whether they are blocks there.
 pub(crate) fn make(
     cx: &Context,
     pipelines: &mut Pipelines,
     baked: &Baked,
     character: usize,
-    first_bin: u32,
-    first_submesh: u32,
-    (place, blocks): (u32, bool),
+    (first_bin, first_submesh): (u32, u32),
+    (square, blocks): (u32, bool),
 ) -> Result<(Resident, Upload), RenderError> {
     let draws = prepare::submesh_draws(baked);
     for draw in &draws {
@@ -178,7 +177,7 @@ pub(crate) fn make(
     )?;
     images.push(copies);
     let impostors = baked.impostors.as_ref();
-    let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, place, blocks));
+    let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, square, blocks));
 
     let index_offset = staging.push(&baked.indices);
     let index_bytes = size_of_val(&baked.indices[..]) as u64;
@@ -339,8 +338,7 @@ impl Resident {
 
 impl Upload {
     /// Records the copies; the staging buffer, which comes back, has to live until they are done.
-    pub fn record(self, commands: &mut Commands, characters: &[Resident]) -> Buffer {
-        let resident = &characters[self.character];
+    pub fn record(self, commands: &mut Commands, resident: &Resident) -> Buffer {
         for (image, copies) in resident.images.iter().zip(&self.images) {
             record_fill(commands, &self.staging, image, copies);
         }
@@ -349,6 +347,11 @@ impl Upload {
         }
         commands.barrier(Access::TransferWrite, &[Access::AnyRead]);
         self.staging
+    }
+
+    /// Place of the character that it is of.
+    pub fn character(&self) -> usize {
+        self.character
     }
 
     /// Its staging buffer and where its impostors' pictures stand there.

@@ -1,5 +1,7 @@
 //! What a frame in flight owns: its buffers, descriptor sets and queries.
 
+use std::sync::Arc;
+
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
@@ -13,9 +15,10 @@ use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, DrawCommand, FrameConstants, Instance, LISTED_AGENTS, MAX_RANGES, RangeInfo,
-    Selected, TALLY_BINS,
+    AgentState, BandInfo, DrawCommand, FrameConstants, Instance, LISTED_AGENTS, MAX_RANGES,
+    RangeInfo, Selected, TALLY_BINS,
 };
+use crate::pool::Pool;
 use crate::prepare::Tables;
 use crate::reference::select::Selection;
 
@@ -86,8 +89,8 @@ pub(crate) struct Recorded {
     pub upload_ms: f64,
     /// What recording took on the CPU.
     pub record_ms: f64,
-    /// Lists at the time of recording.
-    pub bins: usize,
+    /// Windows of the lists at the time of recording.
+    pub bands: Arc<Pool<BandInfo>>,
 }
 
 pub(crate) struct Slot {
@@ -120,6 +123,8 @@ pub(crate) struct Slot {
     pub recorded: Option<Recorded>,
     pub begun: bool,
     pub upload_ms: f64,
+    /// Version of the tables that the crowd was checked with.
+    pub crowd_version: u64,
     /// Version of the tables that the sets name.
     pub table_version: u64,
     /// The sets name the buffers that there are.
@@ -270,6 +275,7 @@ impl Slot {
             recorded: None,
             begun: false,
             upload_ms: 0.0,
+            crowd_version: 0,
             table_version: 0,
             sets_current: false,
             pool: vk::DescriptorPool::null(),

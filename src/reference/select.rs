@@ -99,7 +99,7 @@ pub fn select(
             lists[bin as usize].push(instance);
         }
     }
-    for (list, band) in lists.iter().zip(&tables.bands) {
+    for (list, band) in lists.iter().zip(tables.bands.iter()) {
         selection.draws.push(DrawCommand {
             index_count: band.index_count,
             instance_count: list.len() as u32,
