@@ -241,8 +241,8 @@ struct FrameConstants
     uint width_px; // of the picture
     uint height_px;
     float occluder_angle; // agents of at least this height, in metres per metre of distance, hide others
-    uint padding0;
-    uint padding1;
+    uint left_px; // of the picture in its attachment
+    uint top_px;
 };
 
 // A character's constants for drawing.

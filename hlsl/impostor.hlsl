@@ -134,7 +134,7 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
     // A fade draws a share of the pixels, or all but that share.
     uint bits = i.pose_fade;
     float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
-    bool shown = (DitherThreshold(i.position.xy) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
+    bool shown = (DitherThreshold(i.position.xy - float2(frame.left_px, frame.top_px)) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
     if (color.a < SOFT_EDGE || !shown)
     {
         discard;

@@ -96,10 +96,13 @@ pub struct View {
     pub near: f32,
     /// Size of the picture in pixels; with the projection it makes pixel errors out of metres.
     pub size_px: [u32; 2],
+    /// Where the picture's left and top edge are in its attachment, in pixels: for hosts that draw several views into one. Nothing
+    /// is drawn outside the picture.
+    pub offset_px: [u32; 2],
 }
 
 impl View {
-    /// A camera with reversed, infinite depth.
+    /// A camera with reversed, infinite depth, whose picture begins in its attachment's corner.
     ///
     /// `fov_y` is the full vertical angle in radians; `near` in metres. Looking straight up or down works.
     pub fn perspective(eye: Vec3, target: Vec3, fov_y: f32, near: f32, size_px: [u32; 2]) -> Self {
@@ -115,6 +118,7 @@ impl View {
             clip_from_view: Mat4::perspective_infinite_reverse_rh(fov_y, aspect, near),
             near,
             size_px,
+            offset_px: [0, 0],
         }
     }
 
@@ -154,6 +158,14 @@ impl View {
         }
         if self.size_px.contains(&0) || self.clip_from_view.y_axis.y == 0.0 {
             return Err(bad("its picture has no size"));
+        }
+        // Farther out no attachment reaches, and no number for a rectangle's corner.
+        let ends = self.offset_px.iter().zip(&self.size_px);
+        if !ends
+            .clone()
+            .all(|(o, s)| o.saturating_add(*s) <= i32::MAX as u32)
+        {
+            return Err(bad("its picture is outside of every attachment"));
         }
         Ok(())
     }
@@ -359,6 +371,11 @@ mod tests {
             ..good
         };
         off_axis.validate().unwrap();
+        let split = View {
+            offset_px: [64, 0],
+            ..good
+        };
+        split.validate().unwrap();
         let reason = |view: View| view.validate().unwrap_err().to_string();
         let scaled = View {
             view_from_world: Mat4::from_scale(Vec3::splat(2.0)) * good.view_from_world,
@@ -374,6 +391,11 @@ mod tests {
             clip_from_view: Mat4::orthographic_rh(-5.0, 5.0, -5.0, 5.0, 0.1, 100.0),
             ..good
         };
+        let outside = View {
+            offset_px: [0, u32::MAX - 40],
+            ..good
+        };
+        assert!(reason(outside).contains("outside"));
         assert!(reason(orthographic).contains("perspective"));
         let left_handed = View {
             clip_from_view: Mat4::perspective_lh(0.8, 1.0, 0.1, 100.0),

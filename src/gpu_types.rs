@@ -278,8 +278,8 @@ shared_structs! {
         width_px: u32,
         height_px: u32,
         occluder_angle: f32,
-        padding0: u32,
-        padding1: u32,
+        left_px: u32,
+        top_px: u32,
     }
     /// A character's constants for drawing.
     struct CharacterConstants {

@@ -65,8 +65,8 @@ pub fn frame_constants(
         width_px: view.size_px[0],
         height_px: view.size_px[1],
         occluder_angle: OCCLUDER_HEIGHT_PX * view.pixel_angle(),
-        padding0: 0,
-        padding1: 0,
+        left_px: view.offset_px[0],
+        top_px: view.offset_px[1],
     }
 }
 

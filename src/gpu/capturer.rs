@@ -277,7 +277,7 @@ impl<'a> Capturer<'a> {
         let o = &self.objects;
         c.label("capture", |c| {
             o.begin_rendering(c, page.row_count);
-            c.set_viewport([PAGE_SIZE, PAGE_SIZE]);
+            c.set_viewport([0, 0], [PAGE_SIZE, PAGE_SIZE]);
             self.draw_runs(c, page, batch, level, indices, first_instance);
             // SAFETY: `begin_rendering` began it.
             unsafe { cx.device.cmd_end_rendering(c.cmd) };

@@ -361,26 +361,31 @@ impl<'a> Commands<'a> {
     }
 
     /// Viewport and scissor of a picture.
-    pub fn set_viewport(&mut self, size_px: [u32; 2]) {
+    pub fn set_viewport(&mut self, offset_px: [u32; 2], size_px: [u32; 2]) {
         let [width, height] = size_px;
         self.set_viewport_in(
+            offset_px,
             [width as f32, height as f32],
             vk::Extent2D { width, height },
         );
     }
 
     /// A viewport that may end within the last pixels of what it is in.
-    pub fn set_viewport_in(&mut self, size: [f32; 2], extent: vk::Extent2D) {
+    pub fn set_viewport_in(&mut self, offset_px: [u32; 2], size: [f32; 2], extent: vk::Extent2D) {
+        let [x, y] = offset_px;
         let viewport = vk::Viewport {
-            x: 0.0,
-            y: 0.0,
+            x: x as f32,
+            y: y as f32,
             width: size[0],
             height: size[1],
             min_depth: 0.0,
             max_depth: 1.0,
         };
         let scissor = vk::Rect2D {
-            offset: vk::Offset2D::default(),
+            offset: vk::Offset2D {
+                x: x as i32,
+                y: y as i32,
+            },
             extent,
         };
         unsafe {

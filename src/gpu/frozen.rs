@@ -104,7 +104,7 @@ impl Headless {
         flat: bool,
     ) -> Result<FrameReport, RenderError> {
         let mut draw_calls = 0;
-        self.submit_drawing(frozen.view.size_px, &frozen.slot, |renderer, c| {
+        self.submit_drawing(&frozen.view, &frozen.slot, |renderer, c| {
             frozen.record(renderer, c, flat);
             draw_calls = c.draw_calls;
         })?;
@@ -284,7 +284,7 @@ impl Frozen {
         stamp(c, slot, Stamp::SelectBegin);
         stamp(c, slot, Stamp::SelectEnd);
         stamp(c, slot, Stamp::DrawBegin);
-        c.set_viewport(self.view.size_px);
+        c.set_viewport(self.view.offset_px, self.view.size_px);
         counted(c, 0, true);
         stamp(c, slot, Stamp::MeshEnd);
         if self.options.ground {

@@ -168,7 +168,7 @@ impl Headless {
         Ok(())
     }
 
-    /// Draws one frame and waits for it. The view's size must be the target's.
+    /// Draws one frame and waits for it. The view's size must be the target's, and its offset none.
     ///
     /// Errors: those of the renderer's calls.
     pub fn render(
@@ -195,7 +195,7 @@ impl Headless {
         let (Some(renderer), Some(target)) = (&mut self.renderer, &mut self.target) else {
             return Err(dropped());
         };
-        check_size(view.size_px, target)?;
+        check_size(view, target)?;
         let start = Instant::now();
         let core = &self.core;
         // SAFETY: every submission is waited for before the next frame begins; the command buffer is recorded in the order
@@ -219,14 +219,14 @@ impl Headless {
     /// Errors: [`RenderError::BadOption`] where the target has another size.
     pub(super) fn submit_drawing(
         &mut self,
-        size_px: [u32; 2],
+        view: &View,
         slot: &Slot,
         record: impl FnOnce(&Renderer, &mut Commands),
     ) -> Result<(), RenderError> {
         let (Some(renderer), Some(target)) = (&self.renderer, &mut self.target) else {
             return Err(dropped());
         };
-        check_size(size_px, target)?;
+        check_size(view, target)?;
         let core = &self.core;
         core.begin()?;
         // SAFETY: the command buffer is recording, outside rendering until the target begins it; every submission is waited
@@ -387,14 +387,14 @@ impl Drop for Headless {
     }
 }
 
-pub(super) fn check_size(size_px: [u32; 2], target: &Target) -> Result<(), RenderError> {
-    match size_px == target.size_px {
+pub(super) fn check_size(view: &View, target: &Target) -> Result<(), RenderError> {
+    match view.size_px == target.size_px && view.offset_px == [0, 0] {
         true => Ok(()),
         false => Err(RenderError::BadOption {
             option: "view",
             reason: format!(
-                "its size is {size_px:?} and the target's is {:?}",
-                target.size_px
+                "its size is {:?} at {:?}, and the target's is {:?}",
+                view.size_px, view.offset_px, target.size_px
             ),
         }),
     }

@@ -172,6 +172,7 @@ impl Occluders {
         c.begin_depth_rendering(&self.depth, far);
         let texel = crate::gpu_types::OCCLUDER_TEXEL_PX as f32;
         c.set_viewport_in(
+            [0, 0],
             self.size_px.map(|side| side as f32 / texel),
             self.depth.extent,
         );

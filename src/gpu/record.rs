@@ -132,7 +132,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records the draws, with viewport and scissor over the view's size. Inside a dynamic rendering scope with the formats
+    /// Records the draws, with viewport and scissor over the view's offset and size. Inside a dynamic rendering scope with the formats
     /// of the description; leaves pipeline, sets, index buffer, viewport and scissor changed.
     ///
     /// # Safety
@@ -173,7 +173,7 @@ impl Renderer {
             slot,
         };
         stamp(c, slot, Stamp::DrawBegin);
-        c.set_viewport(recorded.view.size_px);
+        c.set_viewport(recorded.view.offset_px, recorded.view.size_px);
         count_vertices(c, slot, 0, &mut |c| {
             c.label("mesh", |c| {
                 crate::mesh::record(c, &drawing, recorded.cpu.as_ref())

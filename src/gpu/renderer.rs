@@ -40,7 +40,7 @@ pub struct DeviceHandles<'a> {
 pub struct RendererDesc<'a> {
     /// Prefix of every object's name.
     pub name: &'a str,
-    /// Frames that the host keeps in flight, 1 to 64.
+    /// Frames that the host keeps in flight, times the views that it draws in each, 1 to 64: every view has a slot of its own.
     pub frames_in_flight: u32,
     /// Agents that a frame may have; memory is only taken for those it does have.
     pub agent_capacity: u32,

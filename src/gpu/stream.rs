@@ -37,7 +37,7 @@ impl Headless {
         }
         let target = self.target.as_ref().ok_or_else(dropped)?;
         for (_, view) in frames {
-            check_size(view.size_px, target)?;
+            check_size(view, target)?;
         }
         let size_px = target.size_px;
         let mut flights = Vec::new();
