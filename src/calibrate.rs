@@ -306,6 +306,7 @@ mod tests {
                     box_max: half,
                     sphere_center: Vec3::ZERO,
                     sphere_radius: half.length(),
+                    ground: -half.y,
                 }],
                 ..Baked::default()
             };

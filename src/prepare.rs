@@ -19,7 +19,7 @@ use crate::gpu_types::{
 use crate::impostor::{self, Gallery};
 use crate::pool::Pool;
 use crate::representation::{CostModel, Representations};
-use crate::scene::lowest_point;
+use crate::scene::ground_of;
 
 /// A contact shadow's radius as a share of the root of its character's box from above.
 const SHADOW_SHARE: f32 = 1.2;
@@ -217,7 +217,7 @@ impl Tables {
             influences1_error: errors.influences[0],
             influences2_error: errors.influences[1],
             influences3_error: errors.influences[2],
-            lowest: lowest_point(baked),
+            lowest: ground_of(baked),
             occluder_error: occluder_error(baked),
             padding0: 0,
             padding1: 0,

@@ -19,7 +19,7 @@ mod motion;
 
 pub use clips::{find_clip, standing_clip};
 use crowd::ring_starts;
-pub use crowd::{Crowd, lowest_point, standing_height};
+pub use crowd::{Crowd, ground_of, standing_height};
 
 /// The most agents that one scene may ask for.
 pub const AGENT_LIMIT: usize = 10_000_000;
@@ -133,7 +133,7 @@ pub struct SceneCharacter {
     /// Scales the character, after `height`.
     #[serde(default = "one")]
     pub scale: f32,
-    /// Lifts the character so that the lowest point of its idle clip (of its first clip where it has no idle) is on the
+    /// Lifts the character so that what it stands on in its idle clip (in its first clip where it has no idle) is on the
     /// ground, where that is more than 3 % of its height above or 15 % below: for characters whose origin is not between their
     /// feet.
     #[serde(default)]

@@ -113,6 +113,7 @@ mod tests {
                 box_max: Vec3::new(30.0, 170.0, 30.0),
                 sphere_center: Vec3::new(0.0, 85.0, 0.0),
                 sphere_radius: 95.0,
+                ground: 0.0,
             }],
             ..Baked::default()
         };

@@ -164,6 +164,9 @@ pub struct BakedClip {
     pub sphere_center: Vec3,
     /// Its radius.
     pub sphere_radius: f32,
+    /// Height of the ground that the character stands on, model space: the lowest that its feet come, where joints are named as
+    /// such, else that anything does.
+    pub ground: f32,
 }
 
 /// A body part, for colour variety.

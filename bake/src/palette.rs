@@ -9,11 +9,16 @@ use crate::baked::{BakedClip, PaletteEntry};
 use crate::character::{Character, Clip};
 use crate::error::BakeError;
 use crate::ground_speed::{self, ground_speed};
+use crate::impostor::groups::{Extremity, hanging_in};
 use crate::mesh::Mesh;
 use crate::pose;
 
 /// Most palette entries (joints times frames): 256 MiB of them.
 const MAX_PALETTE_ENTRIES: u64 = 256 * 1024 * 1024 / 48;
+
+/// Feet stand on the ground unless something is lower by this share of the height: what hands hold reaches through it, but the
+/// feet of a rider hang in the air.
+const BELOW_FEET: f32 = 0.3;
 
 /// Frames that differ by less than this share of the model's size are one still.
 const STILL_TOLERANCE: f32 = 1e-6;
@@ -56,17 +61,13 @@ pub fn sample_clips(
         });
     }
     let cloud = distinct_vertices(mesh);
-    // Others wait for coarser levels, and may stand below all soles.
-    let mut is_drawn = vec![false; mesh.vertex_count()];
-    for &v in mesh.triangles.iter().flatten() {
-        is_drawn[v as usize] = true;
-    }
+    let limbs = Limbs::of(character, mesh);
     let baked: Vec<(Vec<Vec<Affine3A>>, BakedClip)> = clips
         .par_iter()
         .zip(&frame_counts)
         .map(|(clip, &frame_count)| {
             let frames = frames(character, clip, frame_count as usize);
-            let bounds = bounds(mesh, &cloud, &is_drawn, &frames);
+            let bounds = bounds(mesh, &cloud, &limbs, &frames);
             let frame_s = clip.duration_s / (frames.len() - 1).max(1) as f32;
             let baked = BakedClip {
                 name: clip.name.clone(),
@@ -84,6 +85,7 @@ pub fn sample_clips(
                 box_max: bounds.max,
                 sphere_center: bounds.center,
                 sphere_radius: bounds.radius,
+                ground: bounds.ground,
             };
             (frames, baked)
         })
@@ -129,17 +131,71 @@ fn distinct_vertices(mesh: &Mesh) -> Vec<u32> {
         .collect()
 }
 
+/// What a character may stand on.
+struct Limbs {
+    /// The joint that each vertex follows most; none where a vertex waits for coarser levels, which may be below all soles.
+    main_joint: Vec<Option<u8>>,
+    /// Whether a joint is one of a foot.
+    feet: Vec<bool>,
+}
+
+impl Limbs {
+    fn of(character: &Character, mesh: &Mesh) -> Self {
+        let mut main_joint = vec![None; mesh.vertex_count()];
+        for v in mesh.triangles.iter().flatten().map(|&v| v as usize) {
+            let influences = mesh.weights[v].into_iter().zip(mesh.joints[v]);
+            main_joint[v] = influences
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .map(|(_, joint)| joint);
+        }
+        Self {
+            main_joint,
+            feet: hanging_in(Extremity::Foot, &character.nodes, &character.joints),
+        }
+    }
+
+    /// The height of the ground, and the vertices that stand on it, of all with the lowest that they come; `height` is the
+    /// character's.
+    fn ground(&self, lowest: &[(u32, f32)], height: f32) -> (f32, Vec<u32>) {
+        let joint_of = |v: u32| self.main_joint[v as usize].map(usize::from);
+        let mut of_joint = vec![f32::INFINITY; 256];
+        for &(v, low) in lowest {
+            if let Some(joint) = joint_of(v) {
+                of_joint[joint] = of_joint[joint].min(low);
+            }
+        }
+        let least = |a: f32, (_, &b): (usize, &f32)| a.min(b);
+        let joints = || of_joint.iter().enumerate();
+        let all = joints().fold(f32::INFINITY, least);
+        let feet = joints()
+            .filter(|&(j, _)| self.feet.get(j) == Some(&true))
+            .fold(f32::INFINITY, least);
+        let ground = if feet - all < BELOW_FEET * height {
+            feet
+        } else {
+            all
+        };
+        // Hands may be paws; what hangs from them through the ground is no sole.
+        let near = ground_speed::LEVEL * height;
+        let is_sole = |&(v, low): &(u32, f32)| {
+            low < ground + near && joint_of(v).is_some_and(|j| of_joint[j] > ground - near)
+        };
+        let soles = lowest.iter().copied().filter(is_sole);
+        (ground, soles.map(|(v, _)| v).collect())
+    }
+}
+
 struct Bounds {
     min: Vec3,
     max: Vec3,
     center: Vec3,
     radius: f32,
-    /// The lowest that vertices of the full mesh come, and those that come near to it.
+    /// The lowest that what stands comes, and the vertices that come near to it.
     ground: f32,
     soles: Vec<u32>,
 }
 
-fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>]) -> Bounds {
+fn bounds(mesh: &Mesh, cloud: &[u32], limbs: &Limbs, frames: &[Vec<Affine3A>]) -> Bounds {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let mut lowest = vec![f32::INFINITY; cloud.len()];
     for frame in frames {
@@ -149,11 +205,8 @@ fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>
             *lowest = lowest.min(p.y);
         }
     }
-    let mut soles: Vec<(u32, f32)> = cloud.iter().copied().zip(lowest).collect();
-    soles.retain(|&(v, _)| is_drawn[v as usize]);
-    let ground = soles.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
-    let near = ground + ground_speed::LEVEL * (max.y - min.y);
-    soles.retain(|&(_, lowest)| lowest < near);
+    let lowest: Vec<(u32, f32)> = cloud.iter().copied().zip(lowest).collect();
+    let (ground, soles) = limbs.ground(&lowest, max.y - min.y);
     let center = (min + max) * 0.5;
     let mut radius = 0.0f32;
     for frame in frames {
@@ -169,6 +222,6 @@ fn bounds(mesh: &Mesh, cloud: &[u32], is_drawn: &[bool], frames: &[Vec<Affine3A>
         center,
         radius: radius.sqrt() + slack,
         ground,
-        soles: soles.into_iter().map(|s| s.0).collect(),
+        soles,
     }
 }

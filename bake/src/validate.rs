@@ -165,7 +165,7 @@ fn animation(b: &Baked) -> Result<(), (String, String)> {
             "its frames do not follow the clip before it",
         )?;
         next += c.frame_count as u64;
-        let numbers = [c.duration_s, c.ground_speed, c.sphere_radius]
+        let numbers = [c.duration_s, c.ground_speed, c.sphere_radius, c.ground]
             .iter()
             .all(|x| x.is_finite());
         let bounds = c.box_min.is_finite() && c.box_max.is_finite() && c.sphere_center.is_finite();

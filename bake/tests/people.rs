@@ -198,6 +198,29 @@ fn ground_speeds_are_measured_where_they_are_not_stated() {
     }
 }
 
+/// Who stands does so on feet, although a bow in the hand reaches through the ground.
+#[test]
+fn feet_are_what_one_stands_on() {
+    let c = people::build("man_suit").unwrap();
+    let mut mesh = merge(&c).unwrap();
+    let (_, plain) = sample_clips(&c, &mesh, 30.0).unwrap();
+    let name = |j: u8| &c.nodes[c.joints[j as usize].node as usize].name;
+    let in_hand = (0..mesh.vertex_count())
+        .find(|&v| mesh.weights[v][0] > 0.999 && name(mesh.joints[v][0]).contains("hand"))
+        .unwrap();
+    let palette = throng_bake::pose::palette(&c, Some(&c.clips[0]), 0.0);
+    let end = mesh.posed(&palette, in_hand).with_y(-0.4);
+    let joint = mesh.joints[in_hand][0] as usize;
+    mesh.positions[in_hand] = palette[joint].inverse().transform_point3(end);
+    let (_, armed) = sample_clips(&c, &mesh, 30.0).unwrap();
+    assert!(armed[0].box_min.y < -0.35);
+    for (plain, armed) in plain.iter().zip(&armed) {
+        assert!(plain.ground.abs() < 0.02, "{} {}", plain.name, plain.ground);
+        assert_eq!(armed.ground, plain.ground, "{}", armed.name);
+        assert_eq!(armed.ground_speed, plain.ground_speed, "{}", armed.name);
+    }
+}
+
 #[test]
 fn nobody_sinks_or_floats() {
     for c in everybody() {

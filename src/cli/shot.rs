@@ -415,6 +415,7 @@ mod tests {
                 box_max,
                 sphere_center: Vec3::ZERO,
                 sphere_radius: 1.0,
+                ground: 0.0,
             }],
             ..Baked::default()
         }

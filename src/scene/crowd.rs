@@ -200,19 +200,18 @@ pub fn standing_height(character: &Baked) -> f32 {
     }
 }
 
-/// Height of the lowest point of a character that stands, in bind space: 0 for most people, far below for those whose
-/// origin is their hip.
-pub fn lowest_point(character: &Baked) -> f32 {
+/// Height of what a character stands on, in bind space: 0 for most people, far below for those whose origin is their hip.
+pub fn ground_of(character: &Baked) -> f32 {
     let clip = character.clips.get(standing_clip(character));
-    clip.map_or(0.0, |c| c.box_min.y)
+    clip.map_or(0.0, |c| c.ground)
 }
 
-/// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where its lowest point is less than
-/// 3 % of its height above it, or less than 15 % below: soles and paws sink into it, and what hands hold may reach through it.
+/// How far, in bind-space units, a character has to be lifted to stand on the ground; 0 where it stands less than 3 % of its
+/// height above it, or less than 15 % below: soles and paws sink into it, and what hands hold may reach through it.
 fn lift_onto_ground(character: &Baked) -> f32 {
-    let lowest = lowest_point(character);
-    if !(-0.15..=0.03).contains(&(lowest / standing_height(character))) {
-        -lowest
+    let ground = ground_of(character);
+    if !(-0.15..=0.03).contains(&(ground / standing_height(character))) {
+        -ground
     } else {
         0.0
     }

@@ -410,7 +410,7 @@ fn outer(v: Vec4) -> Mat4 {
 
 /// What keeps all that hangs in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Extremity {
+pub(crate) enum Extremity {
     Hand,
     Foot,
     Head,
@@ -479,9 +479,21 @@ pub(crate) fn grouped_by_name(nodes: &[Node], joints: &[Joint], shares: Vec<f64>
     .merged_by_name()
 }
 
-/// Whether a joint's name says that it moves a head, or what is in one.
-pub(crate) fn names_head(name: &str) -> bool {
-    Extremity::of_name(name) == Some(Extremity::Head)
+/// Whether each joint is one of such an extremity, or hangs in one, by names.
+pub(crate) fn hanging_in(extremity: Extremity, nodes: &[Node], joints: &[Joint]) -> Vec<bool> {
+    let hangs = |joint: &Joint| {
+        let mut node = nodes.get(joint.node as usize);
+        // A valid skeleton has no circle; nobody has to rely on it.
+        for _ in 0..nodes.len() {
+            let Some(n) = node else { break };
+            if Extremity::of_name(&n.name) == Some(extremity) {
+                return true;
+            }
+            node = n.parent.and_then(|p| nodes.get(p as usize));
+        }
+        false
+    };
+    joints.iter().map(hangs).collect()
 }
 
 /// The joint only helps its parent: twist and leaf joints.

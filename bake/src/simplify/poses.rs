@@ -2,8 +2,8 @@
 
 use glam::Affine3A;
 
-use crate::character::{Character, Joint};
-use crate::impostor::groups::names_head;
+use crate::character::Character;
+use crate::impostor::groups::{Extremity, hanging_in};
 use crate::mesh::Mesh;
 use crate::pose;
 
@@ -78,7 +78,7 @@ impl PoseSet {
         let known = has_clips && rest.iter().all(|m| m.is_finite());
         Self {
             rest: if known { rest } else { Vec::new() },
-            heads: heads(character),
+            heads: hanging_in(Extremity::Head, &character.nodes, &character.joints),
             rig: Rig::of(character, mesh),
             ..Self::among(candidates, mesh, count)
         }
@@ -137,25 +137,6 @@ impl PoseSet {
             ..Self::default()
         }
     }
-}
-
-/// Which joints move a head: those whose names say so, and what hangs in them.
-fn heads(character: &Character) -> Vec<bool> {
-    let of = |joint: &Joint| {
-        let mut node = Some(joint.node);
-        // A valid skeleton has no circle; nobody has to rely on it.
-        for _ in 0..character.nodes.len() {
-            let Some(n) = node.and_then(|n| character.nodes.get(n as usize)) else {
-                break;
-            };
-            if names_head(&n.name) {
-                return true;
-            }
-            node = n.parent;
-        }
-        false
-    };
-    character.joints.iter().map(of).collect()
 }
 
 /// Distances between fixed pairs of posed vertices: two poses that differ by a rigid motion have the same.

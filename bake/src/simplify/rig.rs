@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::character::Character;
-use crate::impostor::groups::{grouped_by_name, names_head};
+use crate::impostor::groups::{Extremity, grouped_by_name, hanging_in};
 use crate::impostor::pose::{joint_parents, joint_places};
 use crate::mesh::Mesh;
 
@@ -67,6 +67,7 @@ impl Rig {
                 members.iter().for_each(|&j| of[j] = above);
             }
         }
+        let heads = hanging_in(Extremity::Head, &character.nodes, joints);
         let mut numbers = vec![None; joints.len()];
         let mut groups = Vec::new();
         for &joint in &order {
@@ -75,14 +76,13 @@ impl Rig {
                 continue;
             }
             numbers[group] = Some(groups.len());
-            let name = |j: usize| &character.nodes[joints[j].node as usize].name;
             groups.push(RigGroup {
                 parent: ancestors(joint)
                     .map(|a| of[a])
                     .find(|&a| a != group)
                     .and_then(|a| numbers[a]),
                 origin: places[joint],
-                is_head: ancestors(joint).any(|j| names_head(name(j))),
+                is_head: heads[joint],
             });
         }
         Self {
