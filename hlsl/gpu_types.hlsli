@@ -22,6 +22,9 @@
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
+// How much perspective may stretch an agent's error along the way from the picture's middle: as in the corners of a
+// picture of 45 degrees.
+#define FREE_STRETCH 1.5
 // Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
 #define SWITCH_HEIGHT_PX 12.0
 // Texels in a row of the gallery's table.
@@ -243,6 +246,10 @@ struct FrameConstants
     float occluder_angle; // agents of at least this height, in metres per metre of distance, hide others
     uint left_px; // of the picture in its attachment
     uint top_px;
+    float stretch_share_min; // StretchShare in the picture's corners; 1 in usual fields of view
+    uint padding0;
+    uint padding1;
+    uint padding2;
 };
 
 // A character's constants for drawing.

@@ -11,6 +11,7 @@
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 #include "light.hlsli"
+#include "stretch.hlsli"
 #include "tint.hlsli"
 
 // Least cosine between the eye's ray and a picture's plane that pixels are shifted for: no further at flatter angles.
@@ -187,7 +188,7 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.shift = ray.xy * ((uv.zw - uv.xy) / max(plane.zw - plane.xy, 1e-12) * (depth_extent / max(ray.z - dot(lean.xy, ray.xy), MIN_SLANT)));
     o.bounds = float4(uv.xw + 0.5, uv.zy - 0.5);
     // Units of the quad's space in a pixel, over those in a texel.
-    float pixel = frame.pixel_angle * length(eye);
+    float pixel = frame.pixel_angle * length(eye) * StretchShare(instance.position);
     float atlas_texel = (plane.z - plane.x) / max(uv.z - uv.x, 1.0);
     o.mip = clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, place.z);
     return o;

@@ -127,6 +127,7 @@ float DistanceToSphere(ClipInfo clip, AgentState agent)
 }
 
 #include "occlusion.hlsli"
+#include "stretch.hlsli"
 
 // How many clips an agent blends with its first: none or one. A loop over them, in place of a branch: a CPU driver leaves it
 // where no lane goes in, and runs both sides of a branch.
@@ -404,7 +405,8 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
         bounds = FindBounds(agent, clip0, clip1, planes);
     }
-    float distance = bounds.distance;
+    float distance = bounds.distance
+        * StretchShare(agent.position + float3(0.0, agent.scale * clip0.sphere_center.y, 0.0));
     bool visible = bounds.inside && inside;
     bool occluded = false;
 #ifdef OCCLUSION

@@ -219,8 +219,8 @@ impl Default for Light {
 pub struct FrameOptions {
     /// How the crowd is drawn.
     pub method: Method,
-    /// Largest error of a representation in pixels of the view's height, at least 0, of agents whom nobody hides; `Full` and
-    /// `Uninstanced` have none.
+    /// Largest error of a representation in pixels at the picture's middle, at least 0, of agents whom nobody hides; `Full` and
+    /// `Uninstanced` have none. Perspective stretches what is off the view's axis, and with it errors, to 1.5 times at most.
     pub pixel_error: f32,
     /// False freezes every agent in its clips' first frame without interpolation or blending (paper figure 3a).
     pub animate: bool,

@@ -26,6 +26,9 @@ pub const FLAT_BIN: u32 = 1;
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
 pub const FADE_SPAN: f32 = 0.06;
+/// How much perspective may stretch an agent's error along the way from the picture's middle: as in
+/// the corners of a picture of 45 degrees.
+pub const FREE_STRETCH: f32 = 1.5;
 /// Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
 pub const SWITCH_HEIGHT_PX: f32 = 12.0;
 /// Texels in a row of the gallery's table.
@@ -280,6 +283,10 @@ shared_structs! {
         occluder_angle: f32,
         left_px: u32,
         top_px: u32,
+        stretch_share_min: f32,
+        padding0: u32,
+        padding1: u32,
+        padding2: u32,
     }
     /// A character's constants for drawing.
     struct CharacterConstants {

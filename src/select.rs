@@ -7,8 +7,8 @@ use glam::{Mat4, Vec4};
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu::{Access, Commands, Drawing};
 use crate::gpu_types::{
-    FLAG_FULL_DETAIL, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FLAG_STILL, FrameConstants, GROUND_PLAIN,
-    LISTED_GROUPS, SELECT_GROUP_SIZE,
+    FLAG_FULL_DETAIL, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FLAG_STILL, FREE_STRETCH, FrameConstants,
+    GROUND_PLAIN, LISTED_GROUPS, SELECT_GROUP_SIZE,
 };
 use crate::prepare::Tables;
 
@@ -67,7 +67,20 @@ pub fn frame_constants(
         occluder_angle: OCCLUDER_HEIGHT_PX * view.pixel_angle(),
         left_px: view.offset_px[0],
         top_px: view.offset_px[1],
+        stretch_share_min: stretch_share_min(view),
+        padding0: 0,
+        padding1: 0,
+        padding2: 0,
     }
+}
+
+/// `FrameConstants::stretch_share_min`: of the corner that is farthest from the view's axis.
+fn stretch_share_min(view: &View) -> f32 {
+    let p = view.clip_from_view;
+    // Where the edges cross the plane one metre in front of the eye, by the squared tangent of their angle.
+    let edge = |scale: f32, middle: f32| ((1.0 + middle.abs()) / scale).powi(2);
+    let squares = edge(p.x_axis.x, p.z_axis.x) + edge(p.y_axis.y, p.z_axis.y);
+    (FREE_STRETCH / (1.0 + squares)).min(1.0)
 }
 
 /// `FrameConstants::ground_color` of a plain ground.

@@ -326,6 +326,7 @@ fn shared_numbers_are_equal() {
         ("IMPOSTOR_FADES_OUT", t::IMPOSTOR_FADES_OUT as f64),
         ("MAX_RANGES", t::MAX_RANGES as f64),
         ("FADE_SPAN", t::FADE_SPAN as f64),
+        ("FREE_STRETCH", t::FREE_STRETCH as f64),
         ("SWITCH_HEIGHT_PX", t::SWITCH_HEIGHT_PX as f64),
         ("GALLERY_ROW_TEXELS", t::GALLERY_ROW_TEXELS as f64),
         ("QUAD_BIN", t::QUAD_BIN as f64),

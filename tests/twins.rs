@@ -135,6 +135,43 @@ fn select_writes_what_its_twin_writes() {
     assert_silent(&headless);
 }
 
+/// Agents at the edges of a wide picture are as fine as perspective stretches them.
+#[test]
+fn wide_views_are_selected_as_by_the_twin() {
+    let mut headless = headless(SIZE);
+    let id = headless
+        .add_character(&baked_mascot_with_impostors())
+        .expect("it uploads");
+    let mut agents = crowd(1000, &[id]);
+    for agent in &mut agents {
+        // Over a field as wide as the view.
+        agent.position.x *= 2.5;
+    }
+    let narrow = view(SIZE);
+    let mut wide = narrow;
+    wide.clip_from_view = glam::Mat4::perspective_infinite_reverse_rh(2.1, 1.0, wide.near);
+    for method in [Method::Lod, Method::Hybrid] {
+        let options = options(method);
+        let report = headless.render(&agents, &wide, &options).expect("a frame");
+        let gpu = headless.selection().expect("the lists are kept");
+        let cpu = twin(&headless, &agents, &wide, &options);
+        assert_eq!(difference(&gpu, &cpu, 5), None, "{method:?}");
+        // Without a share for the corners, nobody is finer than for its distance.
+        let tables = headless.tables();
+        let states: Vec<AgentState> = agents.iter().map(AgentState::from).collect();
+        let mut frame =
+            throng::select::frame_constants(&wide, &options, agents.len() as u32, tables, true);
+        assert!(frame.stretch_share_min < 0.5);
+        frame.stretch_share_min = 1.0;
+        let ranges = tables.ranges(&options, &headless.costs());
+        let pyramid = headless.occlusion().map(|(_, pyramid)| pyramid);
+        let coarse = select(tables, &ranges, &states, &frame, pyramid.as_ref());
+        assert!(difference(&gpu, &coarse, 50).is_some(), "{method:?}");
+        assert_eq!(report.visible, gpu.visible);
+    }
+    assert_silent(&headless);
+}
+
 #[test]
 fn representations_are_chosen_as_their_twin_chooses() {
     let mut headless = headless(SIZE);

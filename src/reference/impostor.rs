@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3, Vec4};
 use throng_bake::baked::Baked;
 use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Tile, ViewSet};
 
+use super::select::stretch_share;
 use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
 
 /// Least cosine between the eye's ray and a picture's plane that pixels are shifted for.
@@ -71,7 +72,8 @@ pub fn place_quad(
     let (towards, right) = (set.directions[view as usize], set.rights[view as usize]);
     let up = towards.cross(right);
     let turn = |m: Vec3| Vec3::new(cos * m.x + sin * m.z, scale * m.y, cos * m.z - sin * m.x);
-    let pixel = frame.pixel_angle * eye.length();
+    let stretch = stretch_share(frame, instance.position.into());
+    let pixel = frame.pixel_angle * eye.length() * stretch;
     let texel = (tile.max[0] - tile.min[0]) / tile.size[0].max(1) as f32;
     let ray = Vec3::new(
         direction.dot(right),

@@ -4,8 +4,8 @@ use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
-    FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES, QUAD_BIN,
-    RangeInfo, SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
+    FREE_STRETCH, FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES,
+    QUAD_BIN, RangeInfo, SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
@@ -42,6 +42,9 @@ pub fn select(
         let Some(distance) = view_agent(tables, agent, frame) else {
             continue;
         };
+        let middle = agent.scale * clips_of(tables, agent)[0].sphere_center[1];
+        let distance =
+            distance * stretch_share(frame, Vec3::from(agent.position) + Vec3::Y * middle);
         let shadow_radius = shadow_radius(tables, agent);
         let share = |p| open_share(p, frame, agent, clips_of(tables, agent), shadow_radius);
         let open = pyramid.map_or(1.0, share);
@@ -130,6 +133,18 @@ fn view_agent(tables: &Tables, agent: &AgentState, frame: &FrameConstants) -> Op
         distance = distance.min(distance_to_sphere(clip1, agent, frame));
     }
     Some(distance)
+}
+
+/// The share of its distance at which a place at the picture's middle would be as large in it: perspective stretches what is
+/// off the view's axis by 1 over the cosine of the angle across the direction from the middle, and by 1 over its square along
+/// it. 1 within [`FREE_STRETCH`].
+pub(crate) fn stretch_share(frame: &FrameConstants, place: Vec3) -> f32 {
+    let to_place = place - Vec3::from(frame.eye);
+    let [x, y, z, _] = frame.clip_from_world.map(|column| column[3]);
+    let forward = Vec3::new(x, y, z);
+    let depth = forward.dot(to_place).max(0.0);
+    let share = FREE_STRETCH * depth * depth / to_place.length_squared().max(1e-12);
+    share.clamp(frame.stretch_share_min, 1.0)
 }
 
 /// What draws an agent at a projected size: bins, [`BIN_NONE`] being the mesh.
@@ -310,4 +325,56 @@ fn choose_band(tables: &Tables, submesh: &SubmeshInfo, lod_error: f32) -> (u32, 
     };
     let level = &tables.levels[submesh.first_level as usize + level as usize];
     (level.bin, level.live_vertex_count)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat4, Vec2};
+
+    use super::*;
+    use crate::frame::{FrameOptions, View};
+
+    /// Wherever an agent is in the picture, its allowed error is at most `FREE_STRETCH` pixels, and no less than one.
+    #[test]
+    fn errors_hold_in_the_corners_of_wide_views() {
+        let size_px = [1600, 900];
+        for (fov_y_deg, is_usual) in [(30.0f32, true), (38.0, true), (75.0, false), (120.0, false)]
+        {
+            let (eye, target) = (Vec3::new(3.0, 2.0, 9.0), Vec3::new(-1.0, 0.5, 2.0));
+            let view = View::perspective(eye, target, fov_y_deg.to_radians(), 0.1, size_px);
+            let tables = Tables::default();
+            let options = FrameOptions::default();
+            let frame = crate::select::frame_constants(&view, &options, 0, &tables, true);
+            assert_eq!(frame.stretch_share_min == 1.0, is_usual, "{fov_y_deg}");
+            let pixels = |p: Vec3| -> Vec2 {
+                let clip = view.clip_from_world() * p.extend(1.0);
+                clip.truncate().truncate() / clip.w * Vec2::new(800.0, 450.0)
+            };
+            let world_from_clip: Mat4 = view.clip_from_world().inverse();
+            let mut seen = 0.0f32;
+            for (x, y) in [
+                (0.0, 0.0),
+                (0.5, -0.7),
+                (1.0, 0.0),
+                (0.0, -1.0),
+                (-1.0, 1.0),
+            ] {
+                let place = world_from_clip.project_point3(Vec3::new(x, y, 0.002));
+                let distance = place.distance(eye);
+                let allowed = frame.error_per_metre * distance * stretch_share(&frame, place);
+                let mut worst = 0.0f32;
+                for i in 0..4000 {
+                    // Directions all over a sphere.
+                    let up = 1.0 - (i as f32 + 0.5) / 2000.0;
+                    let (sin, cos) = (i as f32 * 2.399_963).sin_cos();
+                    let across = (1.0 - up * up).sqrt();
+                    let off = Vec3::new(across * cos, up, across * sin) * allowed;
+                    worst = worst.max(pixels(place + off).distance(pixels(place)));
+                }
+                assert!(worst >= 0.95, "{fov_y_deg} at {x} {y}: {worst}");
+                seen = seen.max(worst);
+            }
+            assert!(seen <= 1.1 * FREE_STRETCH, "{fov_y_deg}: {seen}");
+        }
+    }
 }
