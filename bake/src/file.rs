@@ -158,7 +158,8 @@ pub fn write(path: &Path, baked: &Baked) -> Result<(), FileError> {
 }
 
 /// Writes `bytes` to `path` whole or not at all. What a link leads to is replaced, not the link; a device or a pipe, such
-/// as `/dev/stdout`, is written to as it is.
+/// as `/dev/stdout`, is written to as it is. Whatever ends the process meanwhile leaves the old file, and on Linux nothing else
+/// (where the file system has files without a name).
 ///
 /// Errors: [`FileError::Io`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
@@ -180,9 +181,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     name.push(target.file_name().unwrap_or_default());
     name.push(format!(".{}.part", std::process::id()));
     let part = target.with_file_name(name);
-    let written = std::fs::File::create(&part)
-        .and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
-    let result = written
+    let result = create_whole(&part, bytes)
         .map_err(io("cannot be written"))
         .and_then(|()| std::fs::rename(&part, &target).map_err(io("cannot be put in place")));
     if result.is_err() {
@@ -190,6 +189,35 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
         let _ = std::fs::remove_file(&part);
     }
     result
+}
+
+/// Makes a file that has its name only once it is written.
+#[cfg(target_os = "linux")]
+fn create_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    use rustix::fs::{AtFlags, CWD, Mode, OFlags};
+    use std::os::fd::AsRawFd;
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let flags = OFlags::WRONLY | OFlags::TMPFILE | OFlags::CLOEXEC;
+    let Ok(file) = rustix::fs::open(folder, flags, Mode::from_raw_mode(0o666)) else {
+        return create_named(path, bytes);
+    };
+    let mut file = std::fs::File::from(file);
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    let open_file = format!("/proc/self/fd/{}", file.as_raw_fd());
+    let named = rustix::fs::linkat(CWD, open_file, CWD, path, AtFlags::SYMLINK_FOLLOW);
+    named.or_else(|_| create_named(path, bytes))
+}
+
+#[cfg(not(target_os = "linux"))]
+use create_named as create_whole;
+
+/// Makes a file by its name, which a process that ends meanwhile leaves.
+fn create_named(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = std::fs::File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
 }
 
 /// Reads and checks a baked character.
