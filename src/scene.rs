@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
 use serde::Deserialize;
+use throng_bake::character::UpAxis;
 
 use crate::frame::Light;
 
@@ -125,6 +126,9 @@ pub struct SceneCharacter {
     pub name: String,
     /// `builtin:NAME`, or a file (baked or source) relative to the scene's folder.
     pub source: String,
+    /// The axis that points up in a source file, `y` or `z`: OBJ files do not say it.
+    #[serde(default)]
+    pub up: UpAxis,
     /// How many agents get it, relative to the others.
     #[serde(default = "one")]
     pub share: f32,
@@ -479,6 +483,7 @@ impl Scene {
             .map(|source| SceneCharacter {
                 name: stem(source),
                 source: source.clone(),
+                up: UpAxis::Y,
                 share: 1.0,
                 height: None,
                 scale: self.stand_in_scale,

@@ -138,6 +138,17 @@ pub struct Node {
     pub rest: Transform,
 }
 
+/// The axis that points up in a character's file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UpAxis {
+    /// +Y, as glTF has it and most OBJ files do.
+    #[default]
+    Y,
+    /// +Z, as scanners, CAD programs and maps have it; what looks along -Y there faces +Z then.
+    Z,
+}
+
 /// A node that vertices are bound to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Joint {

@@ -26,7 +26,8 @@ use super::source;
                   throng bake fox.glb -o fox.throng\n  \
                   throng bake people/*.glb -o baked/               several: into a folder\n  \
                   throng bake builtin:worker -o worker.throng --report worker.json\n  \
-                  throng bake fox.glb -o fox.throng --impostors flat --head-boost 2"
+                  throng bake fox.glb -o fox.throng --impostors flat --head-boost 2\n  \
+                  throng bake scan.obj --up z -o scan.throng       z is up in it, as scanners and CAD programs have it"
 )]
 pub struct Arguments {
     /// Character files, or builtin:NAME
@@ -42,6 +43,9 @@ pub struct Arguments {
     /// driver where there is none
     #[arg(long, value_name = "DEVICE")]
     device: Option<String>,
+    /// The axis that points up in the inputs: OBJ files do not say it
+    #[arg(long, value_name = "AXIS", default_value = "y")]
+    up: source::Up,
     #[command(flatten)]
     options: Options,
     #[command(flatten)]
@@ -120,7 +124,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut reports = Vec::new();
     for (input, output) in arguments.input.iter().zip(&outputs) {
         let start = Instant::now();
-        let character = source::character(input, &progress)?;
+        let character = source::character(input, arguments.up.into(), &progress)?;
         let tints = source::tints(input)?;
         let (mut baked, mut times) =
             source::bake_character(input, &character, &tints, &options, &progress)?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow};
 use rayon::prelude::*;
-use throng_bake::character::Character;
+use throng_bake::character::{Character, UpAxis};
 use throng_bake::{glb, people};
 
 use super::output::{Progress, Table, grouped, say, write_file};
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .par_iter()
         .map(|name| {
             let name = name.strip_prefix(BUILTIN).unwrap_or(name);
-            source::character(&format!("{BUILTIN}{name}"), &progress)
+            source::character(&format!("{BUILTIN}{name}"), UpAxis::Y, &progress)
         })
         .collect::<Result<_>>()?;
     line.finish_and_clear();

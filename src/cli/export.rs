@@ -27,6 +27,9 @@ pub struct Arguments {
     /// The .glb file to write
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    /// The axis that points up in a source file: OBJ files do not say it
+    #[arg(long, value_name = "AXIS", default_value = "y")]
+    up: source::Up,
     #[command(flatten)]
     cache: cache::Options,
 }
@@ -70,6 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::default();
     let recipe = source::Recipe {
         cache: arguments.cache.open(),
+        up: arguments.up,
         ..source::Recipe::default()
     };
     let baked = source::baked(&arguments.file, &recipe, &progress)?;

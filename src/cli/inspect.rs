@@ -38,6 +38,9 @@ pub struct Arguments {
     /// right and up in red and green and depth in blue
     #[arg(long, value_name = "OUT.png")]
     atlas: Option<PathBuf>,
+    /// The axis that points up in a source file: OBJ files do not say it
+    #[arg(long, value_name = "AXIS", default_value = "y")]
+    up: source::Up,
     #[command(flatten)]
     cache: cache::Options,
 }
@@ -48,6 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let recipe = Recipe {
         impostors: Some(Plan::on(None)),
         cache: arguments.cache.open(),
+        up: arguments.up,
         ..Recipe::default()
     };
     let baked = source::baked(&arguments.file, &recipe, &progress)?;

@@ -16,7 +16,7 @@ use super::measure::{Drawing, MethodName, Report, Studio};
 use super::output::{Progress, check_output, grouped, say, write_json};
 use super::picture::{average, write_png};
 use super::shot::{Request, Shot, Switch, ViewFrom};
-use super::source::Recipe;
+use super::source::{Recipe, Up};
 
 /// Draw a scene, or a character, to PNG files
 #[derive(clap::Args)]
@@ -46,6 +46,14 @@ pub struct Arguments {
     /// A character, baked or not, or builtin:NAME, in place of the scene's; may be repeated
     #[arg(short, long = "character", value_name = "FILE")]
     characters: Vec<String>,
+    /// The axis that points up in the characters' files: OBJ files do not say it
+    #[arg(
+        long,
+        value_name = "AXIS",
+        default_value = "y",
+        requires = "characters"
+    )]
+    up: Up,
     /// Number of agents, in place of the scene's
     #[arg(short = 'n', long, value_name = "N")]
     agents: Option<usize>,
@@ -176,6 +184,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let recipe = Recipe {
         impostors: quality.method.uses_impostors().then(|| Plan::on(device)),
         cache: arguments.cache.open(),
+        up: arguments.up,
         ..Recipe::default()
     };
     let shot = Shot::new(&request, &recipe, &progress)?;

@@ -97,6 +97,9 @@ impl Shot {
         };
         if !request.characters.is_empty() {
             scene.set_characters(request.characters);
+            for entry in &mut scene.characters {
+                entry.up = recipe.up.into();
+            }
         }
         if let Some(name) = request.clip {
             for crowd in &mut scene.crowds {
@@ -123,7 +126,8 @@ impl Shot {
             Some(name) => Some(find_camera(&scene, name)?),
             None => (!scene.cameras.is_empty()).then_some(0),
         };
-        let sources: Vec<String> = scene.characters.iter().map(|c| c.source.clone()).collect();
+        let entries = scene.characters.iter();
+        let sources: Vec<_> = entries.map(|c| (c.source.clone(), c.up)).collect();
         if sources.is_empty() && scene.agent_count() > 0 {
             bail!("the scene has no [[character]]: name some with --character");
         }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use throng_bake::bake::{BakeOptions, BakeTimes, bake};
 use throng_bake::baked::Baked;
 use throng_bake::body_parts::apply_sidecar;
-use throng_bake::character::Character;
+use throng_bake::character::{Character, UpAxis};
 use throng_bake::{file, import, people};
 
 use super::cache::{Cache, Subject};
@@ -17,9 +17,30 @@ use super::output::Progress;
 /// What a built-in character's source begins with.
 pub const BUILTIN: &str = "builtin:";
 
+/// The axis that points up in source files that the command line names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Up {
+    /// +Y, as in glTF and most OBJ files
+    #[default]
+    Y,
+    /// +Z, as scanners, CAD and map programs write it
+    Z,
+}
+
+impl From<Up> for UpAxis {
+    fn from(up: Up) -> Self {
+        match up {
+            Up::Y => Self::Y,
+            Up::Z => Self::Z,
+        }
+    }
+}
+
 /// How characters that are not baked yet are baked.
 #[derive(Default)]
 pub struct Recipe {
+    /// Of the files that the command line names; those of scenes have their own.
+    pub up: Up,
     pub options: BakeOptions,
     /// Impostors, where they are wanted.
     pub impostors: Option<Plan>,
@@ -30,30 +51,43 @@ pub struct Recipe {
 /// A character before baking: a built-in one, or a source file's content.
 ///
 /// Errors where `source` is a file that is already baked.
-pub fn character(source: &str, progress: &Progress) -> Result<Character> {
+pub fn character(source: &str, up: UpAxis, progress: &Progress) -> Result<Character> {
     if let Some(name) = source.strip_prefix(BUILTIN) {
+        check_up(source, up)?;
         return builtin(name);
     }
     let (path, bytes) = read(source)?;
     if file::is_baked(&bytes) {
         bail!("{source}: it is baked already");
     }
-    import_bytes(path, &bytes, progress)
+    import_bytes(path, &bytes, up, progress)
+}
+
+/// Refuses to turn what stands as it does.
+fn check_up(source: &str, up: UpAxis) -> Result<()> {
+    match up {
+        UpAxis::Y => Ok(()),
+        UpAxis::Z => bail!("{source}: its up axis is y; z is for source files"),
+    }
 }
 
 /// A character ready to draw; a source file or built-in character is baked first, unless the cache has it.
 pub fn baked(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Baked> {
-    with_meshes(source, recipe, progress)?.finish(source, recipe, progress)
+    with_meshes(source, recipe.up.into(), recipe, progress)?.finish(source, recipe, progress)
 }
 
-/// Several, in the order of `sources`: meshes several at a time, impostors, which have a device to themselves, one by one.
-pub fn baked_all(sources: &[String], recipe: &Recipe, progress: &Progress) -> Result<Vec<Baked>> {
+/// Several, with their up axes, in the order of `sources`: meshes several at a time, impostors, which have a device to themselves, one by one.
+pub fn baked_all(
+    sources: &[(String, UpAxis)],
+    recipe: &Recipe,
+    progress: &Progress,
+) -> Result<Vec<Baked>> {
     let meshes: Result<Vec<Draft>> = sources
         .par_iter()
-        .map(|s| with_meshes(s, recipe, progress))
+        .map(|(s, up)| with_meshes(s, *up, recipe, progress))
         .collect();
     (sources.iter().zip(meshes?))
-        .map(|(source, draft)| draft.finish(source, recipe, progress))
+        .map(|((source, _), draft)| draft.finish(source, recipe, progress))
         .collect()
 }
 
@@ -82,7 +116,7 @@ impl Draft {
     }
 }
 
-fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Draft> {
+fn with_meshes(source: &str, up: UpAxis, recipe: &Recipe, progress: &Progress) -> Result<Draft> {
     let place = |subject: Subject, tints: &Tints| -> Result<Option<PathBuf>> {
         let Some(cache) = &recipe.cache else {
             return Ok(None);
@@ -98,6 +132,7 @@ fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Dra
     };
     let (character, tints, place) = match source.strip_prefix(BUILTIN) {
         Some(name) => {
+            check_up(source, up)?;
             let place = place(Subject::Builtin(name), &None)?;
             if let Some(baked) = cached(&place) {
                 return Ok(Draft::Done(baked));
@@ -107,9 +142,10 @@ fn with_meshes(source: &str, recipe: &Recipe, progress: &Progress) -> Result<Dra
         None => {
             let (path, bytes) = read(source)?;
             if file::is_baked(&bytes) {
+                check_up(source, up)?;
                 return Ok(Draft::Done(file::from_bytes(path, &bytes)?));
             }
-            let character = import_bytes(path, &bytes, progress)?;
+            let character = import_bytes(path, &bytes, up, progress)?;
             let tints = tints(source)?;
             let place = place(Subject::Character(&character), &tints)?;
             if let Some(baked) = cached(&place) {
@@ -180,14 +216,15 @@ fn read(source: &str) -> Result<(&Path, Vec<u8>)> {
     }
 }
 
-fn import_bytes(path: &Path, bytes: &[u8], progress: &Progress) -> Result<Character> {
+fn import_bytes(path: &Path, bytes: &[u8], up: UpAxis, progress: &Progress) -> Result<Character> {
     if path.extension().is_some_and(|e| e == "throng") {
         bail!(
             "{}: header: it does not begin as a baked character does: it is cut off, or another file",
             path.display()
         );
     }
-    let character = import::import_bytes(path, bytes)?;
+    let mut character = import::import_bytes(path, bytes)?;
+    character.turn_up(up);
     for warning in &character.warnings {
         progress.warn(&format!("{}: {warning}", path.display()));
     }

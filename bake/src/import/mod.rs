@@ -11,6 +11,7 @@ mod images;
 mod influences;
 mod obj;
 mod surface;
+mod up;
 
 use std::path::Path;
 

@@ -2,9 +2,12 @@
 
 use std::path::Path;
 
-use throng_bake::character::{Alpha, Character};
+use throng_bake::character::{Alpha, Character, UpAxis};
 use throng_bake::error::ImportError;
 use throng_bake::import::{import, import_bytes};
+use throng_bake::pose;
+
+use crate::sample::Sample;
 
 fn read(text: &str) -> Result<Character, ImportError> {
     import_bytes(Path::new("dir/thing.obj"), text.as_bytes())
@@ -95,4 +98,42 @@ fn broken_libraries_and_images_are_errors() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("t.png"), "{error}");
+}
+
+/// What stands along z stands along y then, and looks the right way, with its skeleton and its clips.
+#[test]
+fn characters_with_z_up_stand_up() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 -1 2\nvn 0 -1 0\nf 1//1 2//1 3//1\n";
+    let mut c = read(text).unwrap();
+    let as_read = c.clone();
+    c.turn_up(UpAxis::Y);
+    assert_eq!(c, as_read);
+    c.turn_up(UpAxis::Z);
+    c.validate(Path::new("thing.obj")).unwrap();
+    let near = |a: glam::Vec3, b: [f32; 3]| a.distance(b.into()) < 1e-5;
+    let part = &c.parts[0];
+    assert!(near(part.positions[1], [1.0, 0.0, 0.0]));
+    assert!(near(part.positions[2], [0.0, 2.0, 1.0]));
+    assert!(near(part.normals[0], [0.0, 0.0, 1.0]));
+
+    // Any pose of an animated one is that of before, turned.
+    let glb = Sample::skinned().glb();
+    let ribbon = import_bytes(Path::new("ribbon.glb"), &glb).unwrap();
+    let mut turned = ribbon.clone();
+    turned.turn_up(UpAxis::Z);
+    turned.validate(Path::new("ribbon.glb")).unwrap();
+    let turn = glam::Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2);
+    for time in [0.0, 0.3, 0.9] {
+        let pose = |c: &Character| -> Vec<glam::Vec3> {
+            let palette = pose::palette(c, c.clips.first(), time);
+            let part = &c.parts[0];
+            let skinned =
+                |v| pose::skin(&palette, part.joints[v], part.weights[v], part.positions[v]);
+            (0..part.positions.len()).map(skinned).collect()
+        };
+        assert!(pose(&ribbon) != pose(&turned));
+        for (a, b) in pose(&ribbon).into_iter().zip(pose(&turned)) {
+            assert!((turn * a).distance(b) < 1e-4, "{a} became {b}");
+        }
+    }
 }
