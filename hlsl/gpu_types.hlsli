@@ -6,6 +6,8 @@
 
 // Threads of a workgroup of the select stage that work on one agent each.
 #define SELECT_GROUP_SIZE 64
+// Parts of the crowd that count on their own, because counters that all threads add to go from core to core.
+#define SELECT_SHARDS 8
 // Threads of the one workgroup that scans the lists.
 #define SCAN_GROUP_SIZE 256
 // Palette entries in a row of the palette texture: 3 texels each.
@@ -38,20 +40,24 @@
 #define SKINNING_ERROR_SHARE 0.5
 // Bits of a LOD error below its step: 128 steps to a doubling.
 #define LEVEL_SHIFT 16
+// Selected::packed: one frame instead of two; the agent's contact shadow is this entry's.
+#define SELECTED_NEAREST 8u
+#define SELECTED_CASTS 16u
 // Selected::bin of a submesh that draws nothing.
 #define BIN_NONE 0xffffffffu
-// Where the tally buffer holds what; the lists' counts follow.
+// Where the tally buffer holds what; the lists' counts follow. So much for the frame, and then for each shard, whose counts the
+// scan pass replaces by where the shard's part of each list starts.
 #define TALLY_VISIBLE 0
 // Sum of live vertices, 64 bits.
 #define TALLY_LIVE_VERTICES_LOW 1
 #define TALLY_LIVE_VERTICES_HIGH 2
 #define TALLY_MESHES 3
 #define TALLY_OCCLUDED 4
+// A shard's entries in the selected buffer; the frame has a VkDispatchIndirectCommand here, for the pass over them.
+#define TALLY_ENTRIES 5
 #define TALLY_BINS 8
-// Where the listed buffer holds what: workgroups, 1 and 1, as a VkDispatchIndirectCommand; the number of agents; the agents.
-#define LISTED_GROUPS 0
-#define LISTED_COUNT 3
-#define LISTED_AGENTS 4
+// Words that what follows in the tally buffer starts at multiples of: a cache line.
+#define TALLY_ALIGNMENT 16
 // The occluders' depth has a texel per this many pixels each way.
 #define OCCLUDER_TEXEL_PX 2
 // Metres by which the eye may be above occluders, per metre of distance.
@@ -76,9 +82,6 @@
 #define CAPTURE_WEIGHT_OWN 0.3
 // Surfaces are drawn up to this many depth extents from a picture's centre.
 #define CAPTURE_DEPTH_REACH 8.0
-// Words of a DrawCommand, and which of them is first_instance.
-#define DRAW_COMMAND_WORDS 5
-#define DRAW_FIRST_INSTANCE_WORD 4
 // Metres above the ground that contact shadows are drawn at, so that the two do not fight for depth.
 #define SHADOW_LIFT 0.01
 // Distance in radii at which a shadow begins to fade; at twice that it is gone.
@@ -171,13 +174,13 @@ struct RangeInfo
     uint bin; // of an impostor kind; BIN_NONE: the mesh
 };
 
-// What the count pass found for one submesh of one agent.
+// What the count pass found for one list entry of one agent.
 struct Selected
 {
     uint bin; // BIN_NONE: draws nothing
-    uint rank; // place in the bin's list
-    uint live_vertex_count;
-    float lod_error; // bind-space units; below 0: full detail
+    uint rank; // place in the shard's part of the bin's list
+    uint live_vertex_count; // as the instance's
+    uint packed; // influences, 1 to 4, in bits 0-2; SELECTED_NEAREST, SELECTED_CASTS; agent from bit 6
 };
 
 // An entry of an instance list: everything about an agent that all vertices of a submesh share. The lists are a vertex
@@ -235,7 +238,7 @@ struct FrameConstants
     float3 sky;
     uint bin_count;
     float3 ground;
-    uint entry_stride; // entries of the selected buffer per agent
+    uint entry_stride; // the most entries of the selected buffer that an agent has
     float3 haze;
     float haze_per_metre;
     uint flags;

@@ -45,6 +45,9 @@ fn findings_in(code: &str, comment: &str, comment_before: &str) -> Vec<&'static 
     {
         found.push("half is float; say float");
     }
+    if has("WavePrefixSum") && !comment.contains("is inclusive") {
+        found.push("its sum has the lane itself in it; subtract that, and say 'is inclusive' in a comment here");
+    }
     if code.contains("StructuredBuffer<float3>") {
         found.push("its stride is 16, not 12; pad by hand");
     }

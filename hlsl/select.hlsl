@@ -3,12 +3,14 @@
 // src/reference/select.rs
 // In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
 // The order within a list is not defined.
-// Occluders' lists are made the same way before: gather lists who is large enough, count_occluders takes coarse levels.
+// Occluders' lists are made the same way before: count_occluders takes coarse levels of who is large enough.
 //
-// What makes it cheap on a CPU driver: lavapipe reads and writes structured buffers lane by lane, at a price per access and
-// not per byte, so records are whole uint4s; it reads texel buffers for all lanes at once, several times as fast, so what
-// is only read is one where the device allows large ones (TEXELS); and it reads constants once for all lanes only outside
-// control flow, so that is where they are read.
+// What makes it cheap on a CPU driver: lavapipe reads and writes structured buffers lane by lane, at a price per access more
+// than per byte, so records are whole uint4s; it reads texel buffers for all lanes at once, several times as fast, so what
+// is only read is one where the device allows large ones (TEXELS); it reads constants once for all lanes only outside
+// control flow, so that is where they are read; and it runs both sides of a branch, at nearly the full price of what they
+// write, but skips a loop that no lane enters, so what few agents need stands in loops. Its threads take the
+// workgroups in as many runs: a shard's counters stay in one core's cache.
 
 #include "gpu_types.hlsli"
 
@@ -30,12 +32,9 @@
 [[vk::binding(9, 0)]] RWStructuredBuffer<DrawCommand> draws;
 [[vk::binding(13, 0)]] RECORDS(uint4) ranges; // 2 are the MAX_RANGES RangeInfo of a character
 [[vk::binding(11, 0)]] RECORDS(uint4) chosen; // selected, in the scatter pass
-[[vk::binding(12, 0)]] RECORDS(uint) list_starts; // draws, in the scatter pass
+[[vk::binding(12, 0)]] RECORDS(uint) tallied; // tally, in the scatter pass
 [[vk::binding(10, 0)]] RWStructuredBuffer<uint4> instances; // 4 are an Instance
 [[vk::binding(14, 0)]] RECORDS(float) pyramid; // of the occlude stage
-[[vk::binding(15, 0)]] RWStructuredBuffer<uint> listed; // arguments of an indirect dispatch, and the agents that it is for
-[[vk::binding(16, 0)]] RECORDS(uint) listed_agents; // listed, in the passes over its agents
-
 
 AgentState LoadAgent(uint index)
 {
@@ -149,8 +148,35 @@ float ShadowRadius(AgentState agent, CharacterInfo character, ClipInfo clip0)
     return max(agent.scale * clip0.shadow_radius - height, 0.0);
 }
 
-// An agent's list entry, but for its live vertices.
-Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, float lod_error, bool still)
+// Agents of a shard: whole workgroups.
+uint ShardAgents()
+{
+    uint groups = (frame.agent_count + SELECT_SHARDS * SELECT_GROUP_SIZE - 1u) / (SELECT_SHARDS * SELECT_GROUP_SIZE);
+    return groups * SELECT_GROUP_SIZE;
+}
+
+// Where a shard's part of the tally starts; that of the frame starts at 0.
+uint ShardTally(uint shard)
+{
+    uint words = (TALLY_BINS + frame.bin_count + TALLY_ALIGNMENT - 1u) / TALLY_ALIGNMENT * TALLY_ALIGNMENT;
+    return (shard + 1u) * words;
+}
+
+// Selected::packed of an agent at an error, but for its shadow.
+uint PackSelected(uint index, AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInfo clip1, float lod_error, bool still)
+{
+    float allowed = lod_error * SKINNING_ERROR_SHARE;
+    uint influence_count = allowed < character.influences3_error ? 4u
+        : allowed < character.influences2_error ? 3u
+        : allowed < character.influences1_error ? 2u : 1u;
+    float blend = saturate(agent.blend);
+    float error = max(blend < 1.0 ? clip0.nearest_error : 0.0, blend > 0.0 ? clip1.nearest_error : 0.0);
+    bool nearest = still || allowed >= error;
+    return influence_count | (nearest ? SELECTED_NEAREST : 0u) | (index << 6);
+}
+
+// The instance of an agent's list entry.
+Instance MakeInstance(uint4 selected_entry, AgentState agent, CharacterInfo character, bool still)
 {
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
     ClipInfo clip1 = clip0;
@@ -163,18 +189,12 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
     instance.tint_seed = agent.tint_seed;
     instance.heading_cos = agent.heading_cos * agent.scale;
     instance.heading_sin = agent.heading_sin * agent.scale;
-    instance.live_vertex_count = 0u;
-
-    float allowed = lod_error * SKINNING_ERROR_SHARE;
-    uint influence_count = allowed < character.influences3_error ? 4u
-        : allowed < character.influences2_error ? 3u
-        : allowed < character.influences1_error ? 2u : 1u;
+    instance.live_vertex_count = selected_entry.z;
 
     float blend = still ? 0.0 : saturate(agent.blend);
     float position0 = still ? 0.0 : FramePosition(clip0, agent.phase0);
     float position1 = still ? 0.0 : FramePosition(clip1, agent.phase1);
-    float error = max(blend < 1.0 ? clip0.nearest_error : 0.0, blend > 0.0 ? clip1.nearest_error : 0.0);
-    bool nearest = still || allowed >= error;
+    bool nearest = (selected_entry.w & SELECTED_NEAREST) != 0u;
 
     if (nearest)
     {
@@ -207,10 +227,10 @@ Instance MakeInstance(uint index, AgentState agent, CharacterInfo character, flo
         weights.y = weights.z;
     }
     uint sample_count = (nearest ? 1u : 2u) * (both ? 2u : 1u);
-    instance.packed = influence_count | (sample_count << 3) | (index << 6);
+    instance.packed = (selected_entry.w & ~0x38u) | (sample_count << 3);
     instance.sample_entries = frames * character.joint_count;
     instance.sample_weights = weights.xyz;
-    instance.shadow_radius = ShadowRadius(agent, character, clip0);
+    instance.shadow_radius = (selected_entry.w & SELECTED_CASTS) != 0u ? ShadowRadius(agent, character, clip0) : 0.0;
     return instance;
 }
 
@@ -259,36 +279,33 @@ uint PoseAt(ClipInfo clip, float phase)
     return clip.first_pose + (pose < clip.pose_count ? pose : 0u);
 }
 
-// Puts agents whose lanes want it behind those that are listed. All lanes call it.
-void List(bool wanted, uint index)
+// Where the list entries of a lane go: among its shard's in the selected buffer, and in the list of all that are one quad.
+struct Places
 {
-    uint count = WaveActiveCountBits(wanted);
-    uint before = WavePrefixCountBits(wanted);
-    uint place = 0u;
-    if (WaveIsFirstLane() && count > 0u)
-    {
-        InterlockedAdd(listed[LISTED_COUNT], count, place);
-        uint groups = (place + count + SELECT_GROUP_SIZE - 1u) / SELECT_GROUP_SIZE;
-        InterlockedMax(listed[LISTED_GROUPS], groups);
-    }
-    place = WaveReadLaneFirst(place);
-    if (wanted)
-    {
-        listed[LISTED_AGENTS + place + before] = index;
-    }
-}
+    uint entry;
+    uint quad;
+};
 
-// An agent's place in the list of all that are one quad, most of a far crowd: one atomic for all lanes. All lanes call it.
-uint RankOfQuad(bool wanted)
+// Takes places for a lane's entries, and counts. All lanes call it: their sums are added by one atomic, in a lane each.
+Places TakePlaces(uint shard_tally, uint entry_count, bool is_quad, bool visible, bool is_mesh)
 {
-    uint count = WaveActiveCountBits(wanted);
-    uint before = WavePrefixCountBits(wanted);
+    uint wanted = entry_count | (is_quad ? 1u << 24 : 0u);
+    uint before = WavePrefixSum(wanted) - wanted; // glslang's scan is inclusive
+    uint all = WaveActiveSum(wanted);
+    uint counted = WaveActiveSum((visible ? 1u : 0u) | (is_mesh ? 1u << 16 : 0u));
+    uint lane = WaveGetLaneIndex();
+    uint word = lane == 0u ? TALLY_BINS + QUAD_BIN : shard_tally
+        + (lane == 1u ? TALLY_ENTRIES : lane == 2u ? TALLY_VISIBLE : TALLY_MESHES);
+    uint sum = lane == 0u ? all >> 24 : lane == 1u ? all & 0xffffffu : lane == 2u ? counted & 0xffffu : counted >> 16;
     uint place = 0u;
-    if (WaveIsFirstLane() && count > 0u)
+    if (lane < 4u && sum > 0u)
     {
-        InterlockedAdd(tally[TALLY_BINS + QUAD_BIN], count, place);
+        InterlockedAdd(tally[word], sum, place);
     }
-    return WaveReadLaneFirst(place) + before;
+    Places places;
+    places.quad = WaveReadLaneFirst(place) + (before >> 24);
+    places.entry = WaveActiveSum(lane == 1u ? place : 0u) + (before & 0xffffffu);
+    return places;
 }
 
 // The list of all that are one quad is the first, so a place in it is known at once, and nothing else reads poses.
@@ -322,15 +339,19 @@ Bounds FindBounds(AgentState agent, ClipInfo clip0, ClipInfo clip1, float4 plane
     return bounds;
 }
 
-// Lists who is large enough to hide others. Threads: one per agent.
+// Coarse meshes of who is large enough to hide others. Threads: one per agent, a row of workgroups per shard.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
-void CSGather(uint3 thread : SV_DispatchThreadID)
+void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
 {
     float4 planes[6] = frame.planes;
     float occluder_angle = frame.occluder_angle;
     float eye_height = frame.eye.y;
-    bool inside = thread.x < frame.agent_count;
-    uint index = min(thread.x, frame.agent_count - 1u);
+    bool still = (frame.flags & FLAG_STILL) != 0u;
+    uint shard_tally = ShardTally(thread.y);
+    uint first_agent = thread.y * ShardAgents();
+    uint first_entry = first_agent * frame.entry_stride;
+    bool inside = first_agent + thread.x < frame.agent_count;
+    uint index = min(first_agent + thread.x, frame.agent_count - 1u);
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
@@ -339,51 +360,26 @@ void CSGather(uint3 thread : SV_DispatchThreadID)
     bool large = height >= occluder_angle * bounds.distance;
     // Over whom one looks down steeply, only much smaller ones could be hidden.
     float top = agent.position.y + agent.scale * (clip0.box_center.y + clip0.box_half_extent.y);
-    bool level = eye_height - top <= OCCLUDER_SLOPE_MAX * bounds.distance;
-    bool wanted = inside && bounds.inside && large && level;
-    List(wanted, index);
-    uint count = WaveActiveCountBits(wanted);
-    if (WaveIsFirstLane() && count > 0u)
+    bool level_view = eye_height - top <= OCCLUDER_SLOPE_MAX * bounds.distance;
+    bool wanted = inside && bounds.inside && large && level_view;
+    uint entry_count = wanted ? character.submesh_count : 0u;
+    Places places = TakePlaces(shard_tally, entry_count, false, false, wanted);
+    for (uint s = 0u; s < entry_count; s++)
     {
-        InterlockedAdd(tally[TALLY_MESHES], count);
-    }
-}
-
-// Coarse meshes of those who were listed. Threads: one per listed agent.
-[numthreads(SELECT_GROUP_SIZE, 1, 1)]
-void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
-{
-    uint stride = frame.entry_stride;
-    uint count = listed_agents[LISTED_COUNT];
-    if (thread.x >= count)
-    {
-        return;
-    }
-    uint index = listed_agents[LISTED_AGENTS + thread.x];
-    AgentState agent = LoadAgent(index);
-    CharacterInfo character = LoadCharacter(agent.character);
-    float lod_error = character.occluder_error;
-    uint entry = index * stride;
-    uint end = entry + stride;
-    for (uint s = 0u; s < character.submesh_count; s++)
-    {
-        SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
-        uint2 level = levels[LevelAt(submesh, lod_error)];
+        ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
+        float lod_error = character.occluder_error;
+        uint packed = PackSelected(index, agent, character, clip0, clip1, lod_error, still);
+        uint2 level = levels[LevelAt(LoadSubmesh(character.first_submesh + s), lod_error)];
+        uint rank = 0u;
         if (level.y != BIN_NONE)
         {
-            uint rank;
-            InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
-            selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
-            entry++;
+            InterlockedAdd(tally[shard_tally + TALLY_BINS + level.y], 1u, rank);
         }
-    }
-    if (entry < end)
-    {
-        selected[entry].x = BIN_NONE;
+        selected[first_entry + places.entry + s] = uint4(level.y, rank, level.x, packed);
     }
 }
 
-// Threads: one per agent.
+// Threads: one per agent, a row of workgroups per shard.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSCount(uint3 thread : SV_DispatchThreadID)
 {
@@ -391,10 +387,12 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     float error_per_metre = frame.error_per_metre;
     float pixel_angle = frame.pixel_angle;
     bool still = (frame.flags & FLAG_STILL) != 0u;
-    uint stride = frame.entry_stride;
     bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
-    bool inside = thread.x < frame.agent_count;
-    uint index = min(thread.x, frame.agent_count - 1u);
+    uint shard_tally = ShardTally(thread.y);
+    uint first_agent = thread.y * ShardAgents();
+    uint first_entry = first_agent * frame.entry_stride;
+    bool inside = first_agent + thread.x < frame.agent_count;
+    uint index = min(first_agent + thread.x, frame.agent_count - 1u);
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
@@ -423,88 +421,96 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     pose = second ? pose1 : pose;
 
     float lod_error = full ? -1.0 : error_per_metre * distance / agent.scale;
-    uint live_vertices = 0u;
-    uint mesh = 0u;
     Choice choice = ChooseRange(
         agent.character, pixel_angle * distance / agent.scale, 2.0 * clip0.box_half_extent.y, agent.tint_seed);
+    bool is_mesh = visible && (choice.bin == BIN_NONE || choice.before == BIN_NONE);
     bool is_quad = visible && (choice.bin == QUAD_BIN || choice.before == QUAD_BIN);
-    uint quad_rank = RankOfQuad(is_quad);
-    uint first_entry = index * stride;
-    uint entry = first_entry;
-    if (visible)
+    // Of an impostor in a list that is made by the scatter pass.
+    bool shows = visible && choice.bin != BIN_NONE && choice.bin != QUAD_BIN;
+    bool leaves = visible && choice.before != BIN_NONE && choice.before != QUAD_BIN && choice.before != choice.bin;
+    uint submesh_count = is_mesh ? character.submesh_count : 0u;
+    uint entry_count = submesh_count + (shows ? 1u : 0u) + (leaves ? 1u : 0u);
+    Places places = TakePlaces(shard_tally, entry_count, is_quad, visible, is_mesh);
+    // An agent's first entry casts its shadow; its quad only where it has no others.
+    bool casts = true;
+    uint live_vertices = 0u;
+    for (uint e = 0u; e < entry_count; e++)
     {
-        mesh = choice.bin == BIN_NONE || choice.before == BIN_NONE ? 1u : 0u;
-        uint submesh_count = mesh * character.submesh_count;
-        for (uint s = 0u; s < submesh_count; s++)
-        {
-            SubmeshInfo submesh = LoadSubmesh(character.first_submesh + s);
-            uint2 level = levels[LevelAt(submesh, lod_error)];
-            if (level.y != BIN_NONE)
-            {
-                uint rank;
-                InterlockedAdd(tally[TALLY_BINS + level.y], 1u, rank);
-                live_vertices += level.x;
-                selected[entry] = uint4(level.y, rank, level.x, asuint(lod_error));
-                entry++;
-            }
-        }
-        if (choice.bin != BIN_NONE && choice.bin != QUAD_BIN)
-        {
-            uint rank;
-            InterlockedAdd(tally[TALLY_BINS + choice.bin], 1u, rank);
-            selected[entry] = uint4(choice.bin, rank, pose | (choice.fade << IMPOSTOR_FADE_SHIFT), asuint(lod_error));
-            entry++;
-        }
+        bool of_mesh = e < submesh_count;
+        uint2 level = levels[LevelAt(LoadSubmesh(character.first_submesh + (of_mesh ? e : 0u)), lod_error)];
         // A mesh that fades out is drawn whole: what fades in covers it.
-        if (choice.before != BIN_NONE && choice.before != QUAD_BIN && choice.before != choice.bin)
+        bool fades_out = !shows || e > submesh_count;
+        uint pose_fade = pose | (choice.fade << IMPOSTOR_FADE_SHIFT) | (fades_out ? IMPOSTOR_FADES_OUT : 0u);
+        uint bin = of_mesh ? level.y : fades_out ? choice.before : choice.bin;
+        uint packed = PackSelected(index, agent, LoadCharacter(agent.character), clip0, clip1, lod_error, still);
+        uint rank = 0u;
+        if (bin != BIN_NONE)
         {
-            uint rank;
-            InterlockedAdd(tally[TALLY_BINS + choice.before], 1u, rank);
-            uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | IMPOSTOR_FADES_OUT;
-            selected[entry] = uint4(choice.before, rank, pose | fade, asuint(lod_error));
-            entry++;
+            InterlockedAdd(tally[shard_tally + TALLY_BINS + bin], 1u, rank);
         }
-        if (entry > first_entry && entry < first_entry + stride)
-        {
-            selected[entry].x = BIN_NONE;
-        }
+        selected[first_entry + places.entry + e] =
+            uint4(bin, rank, of_mesh ? level.x : pose_fade, packed | (casts ? SELECTED_CASTS : 0u));
+        live_vertices += of_mesh && bin != BIN_NONE ? level.x : 0u;
+        casts = casts && bin == BIN_NONE;
     }
-    if (is_quad)
+    for (uint q = is_quad ? 1u : 0u; q > 0u; q--)
     {
         uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | (choice.bin == QUAD_BIN ? 0u : IMPOSTOR_FADES_OUT);
-        float shadow_radius = entry == first_entry ? ShadowRadius(agent, character, clip0) : 0.0;
-        WriteQuad(quad_rank, index, agent, pose | fade, shadow_radius);
+        float shadow_radius = casts ? ShadowRadius(agent, character, clip0) : 0.0;
+        WriteQuad(places.quad, index, agent, pose | fade, shadow_radius);
     }
-    List(entry > first_entry, index);
 
-    uint wave_visible = WaveActiveCountBits(visible);
-    uint wave_occluded = WaveActiveCountBits(occluded);
-    uint wave_meshes = WaveActiveSum(mesh);
     uint wave_live_vertices = WaveActiveSum(live_vertices);
-    if (WaveIsFirstLane())
+    if (WaveIsFirstLane() && wave_live_vertices > 0u)
     {
-        if (wave_visible > 0u)
+        uint before;
+        InterlockedAdd(tally[shard_tally + TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
+        for (uint carry = before + wave_live_vertices < before ? 1u : 0u; carry > 0u; carry--)
         {
-            InterlockedAdd(tally[TALLY_VISIBLE], wave_visible);
-        }
-        if (wave_occluded > 0u)
-        {
-            InterlockedAdd(tally[TALLY_OCCLUDED], wave_occluded);
-        }
-        if (wave_meshes > 0u)
-        {
-            InterlockedAdd(tally[TALLY_MESHES], wave_meshes);
-            uint before;
-            InterlockedAdd(tally[TALLY_LIVE_VERTICES_LOW], wave_live_vertices, before);
-            if (before + wave_live_vertices < before)
-            {
-                InterlockedAdd(tally[TALLY_LIVE_VERTICES_HIGH], 1u);
-            }
+            InterlockedAdd(tally[shard_tally + TALLY_LIVE_VERTICES_HIGH], 1u);
         }
     }
+#ifdef OCCLUSION
+    uint wave_occluded = WaveActiveCountBits(occluded);
+    if (WaveIsFirstLane() && wave_occluded > 0u)
+    {
+        InterlockedAdd(tally[shard_tally + TALLY_OCCLUDED], wave_occluded);
+    }
+#endif
 }
 
 groupshared uint scan_sums[SCAN_GROUP_SIZE];
+
+// Sums of what the shards counted, and the dispatch of the scatter pass: a row of workgroups per shard, as long as the
+// longest.
+void SumShards()
+{
+    uint visible = 0u;
+    uint meshes = 0u;
+    uint occluded = 0u;
+    uint low = 0u;
+    uint high = 0u;
+    uint entries = 0u;
+    for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
+    {
+        uint start = ShardTally(shard);
+        visible += tally[start + TALLY_VISIBLE];
+        meshes += tally[start + TALLY_MESHES];
+        occluded += tally[start + TALLY_OCCLUDED];
+        uint part = tally[start + TALLY_LIVE_VERTICES_LOW];
+        low += part;
+        high += tally[start + TALLY_LIVE_VERTICES_HIGH] + (low < part ? 1u : 0u);
+        entries = max(entries, tally[start + TALLY_ENTRIES]);
+    }
+    tally[TALLY_VISIBLE] = visible;
+    tally[TALLY_MESHES] = meshes;
+    tally[TALLY_OCCLUDED] = occluded;
+    tally[TALLY_LIVE_VERTICES_LOW] = low;
+    tally[TALLY_LIVE_VERTICES_HIGH] = high;
+    tally[TALLY_ENTRIES] = (entries + SELECT_GROUP_SIZE - 1u) / SELECT_GROUP_SIZE;
+    tally[TALLY_ENTRIES + 1u] = SELECT_SHARDS;
+    tally[TALLY_ENTRIES + 2u] = 1u;
+}
 
 // One workgroup turns counts into draw commands. Thread t scans a run of neighbouring bins.
 [numthreads(SCAN_GROUP_SIZE, 1, 1)]
@@ -516,7 +522,14 @@ void CSScan(uint local : SV_GroupIndex)
     uint sum = 0u;
     for (uint i = first; i < end; i++)
     {
-        sum += tally[TALLY_BINS + i];
+        // Who is one quad was not counted by shards.
+        uint count = tally[TALLY_BINS + i];
+        for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
+        {
+            count += tally[ShardTally(shard) + TALLY_BINS + i];
+        }
+        tally[TALLY_BINS + i] = count;
+        sum += count;
     }
     scan_sums[local] = sum;
     GroupMemoryBarrierWithGroupSync();
@@ -538,6 +551,14 @@ void CSScan(uint local : SV_GroupIndex)
         draw.vertex_offset = 0;
         draw.first_instance = offset;
         draws[bin] = draw;
+        uint start = offset;
+        for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
+        {
+            uint word = ShardTally(shard) + TALLY_BINS + bin;
+            uint part = tally[word];
+            tally[word] = start;
+            start += part;
+        }
         offset += count;
     }
     // Behind the last bin: all lists in one draw of 4 vertices, as a VkDrawIndirectCommand, for the shadow stage.
@@ -551,41 +572,31 @@ void CSScan(uint local : SV_GroupIndex)
         all.first_instance = 0u;
         draws[frame.bin_count] = all;
     }
+    if (local == 0u)
+    {
+        SumShards();
+    }
 }
 
-// Threads: one per listed agent.
+// Threads: one per entry, a row of workgroups per shard.
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSScatter(uint3 thread : SV_DispatchThreadID)
 {
-    uint stride = frame.entry_stride;
+    uint shard_tally = ShardTally(thread.y);
+    uint first_entry = thread.y * ShardAgents() * frame.entry_stride;
     bool still = (frame.flags & FLAG_STILL) != 0u;
-    uint count = listed_agents[LISTED_COUNT];
-    if (thread.x >= count)
+    uint4 entry = chosen[first_entry + thread.x];
+    bool there = thread.x < tallied[shard_tally + TALLY_ENTRIES] && entry.x != BIN_NONE;
+    for (uint i = there ? 1u : 0u; i > 0u; i--)
     {
-        return;
-    }
-    uint index = listed_agents[LISTED_AGENTS + thread.x];
-    AgentState agent = LoadAgent(index);
-    CharacterInfo character = LoadCharacter(agent.character);
-    bool made = false;
-    Instance instance;
-    // Entries end at the first that names no bin.
-    for (uint e = 0u; e < stride; e++)
-    {
-        uint4 choice = chosen[index * stride + e];
-        if (choice.x == BIN_NONE)
-        {
-            break;
-        }
-        if (!made)
-        {
-            instance = MakeInstance(index, agent, character, asfloat(choice.w), still);
-            made = true;
-        }
-        uint place = 4u * (list_starts[DRAW_COMMAND_WORDS * choice.x + DRAW_FIRST_INSTANCE_WORD] + choice.y);
+        AgentState agent = LoadAgent(entry.w >> 6);
+        CharacterInfo character = LoadCharacter(agent.character);
+        Instance instance = MakeInstance(entry, agent, character, still);
+        uint place = 4u * (tallied[shard_tally + TALLY_BINS + entry.x] + entry.y);
         instances[place] = uint4(asuint(instance.position), asuint(instance.heading_cos));
-        instances[place + 1u] = uint4(instance.tint_seed, choice.z, instance.packed, asuint(instance.heading_sin));
+        instances[place + 1u] =
+            uint4(instance.tint_seed, instance.live_vertex_count, instance.packed, asuint(instance.heading_sin));
         instances[place + 2u] = instance.sample_entries;
-        instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(e == 0u ? instance.shadow_radius : 0.0));
+        instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(instance.shadow_radius));
     }
 }

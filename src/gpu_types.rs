@@ -6,6 +6,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// Threads of a workgroup of the select stage.
 pub const SELECT_GROUP_SIZE: u32 = 64;
+/// Parts of the crowd that count on their own.
+pub const SELECT_SHARDS: u32 = 8;
 /// Threads of the workgroup that scans the lists.
 pub const SCAN_GROUP_SIZE: u32 = 256;
 /// Palette entries in a row of the palette texture, 3 texels each.
@@ -43,6 +45,10 @@ pub const TINT_CLOTH_MEAN: f32 = throng_bake::tint::CLOTH_MEAN;
 pub const SKINNING_ERROR_SHARE: f32 = 0.5;
 /// Bits of a LOD error below its step: 128 steps to a doubling.
 pub const LEVEL_SHIFT: u32 = 16;
+/// Bit of `Selected::packed`: one frame instead of two.
+pub const SELECTED_NEAREST: u32 = 8;
+/// Bit of `Selected::packed`: the contact shadow is this entry's.
+pub const SELECTED_CASTS: u32 = 16;
 /// `Selected::bin` of a submesh that draws nothing.
 pub const BIN_NONE: u32 = u32::MAX;
 /// Place of the visible agents' count in the tally buffer.
@@ -51,22 +57,16 @@ pub const TALLY_VISIBLE: usize = 0;
 pub const TALLY_LIVE_VERTICES_LOW: usize = 1;
 /// Place of the high half.
 pub const TALLY_LIVE_VERTICES_HIGH: usize = 2;
-/// Words of a [`DrawCommand`].
-pub const DRAW_COMMAND_WORDS: u32 = 5;
-/// Which of its words is `first_instance`.
-pub const DRAW_FIRST_INSTANCE_WORD: u32 = 4;
 /// Place of the count of agents that their mesh draws.
 pub const TALLY_MESHES: usize = 3;
 /// Place of the count of agents that are hidden.
 pub const TALLY_OCCLUDED: usize = 4;
+/// Place of the number of a shard's entries; of an indirect dispatch's arguments in the frame's part of the tally.
+pub const TALLY_ENTRIES: usize = 5;
 /// Place of the first list's count.
 pub const TALLY_BINS: usize = 8;
-/// Place of an indirect dispatch's arguments in the listed buffer.
-pub const LISTED_GROUPS: usize = 0;
-/// Place of the number of agents that are listed.
-pub const LISTED_COUNT: usize = 3;
-/// Place of the first of them.
-pub const LISTED_AGENTS: usize = 4;
+/// Words that each part of the tally starts at multiples of.
+pub const TALLY_ALIGNMENT: usize = 16;
 /// Pixels per texel of the occluders' depth, each way.
 pub const OCCLUDER_TEXEL_PX: u32 = 2;
 /// Metres by which the eye may be above occluders, per metre of distance.
@@ -218,12 +218,12 @@ shared_structs! {
         units_end: f32,
         bin: u32,
     }
-    /// What the count pass found for one submesh of one agent.
+    /// What the count pass found for one list entry of one agent.
     struct Selected {
         bin: u32,
         rank: u32,
         live_vertex_count: u32,
-        lod_error: f32,
+        packed: u32,
     }
     /// An entry of an instance list: everything about an agent that all vertices of a submesh share.
     struct Instance {

@@ -5,10 +5,10 @@ use ash::vk;
 use glam::{Mat4, Vec4};
 
 use crate::frame::{FrameOptions, Method, View};
-use crate::gpu::{Access, Commands, Drawing};
+use crate::gpu::{Access, Commands, Drawing, list_bytes};
 use crate::gpu_types::{
     FLAG_FULL_DETAIL, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FLAG_STILL, FREE_STRETCH, FrameConstants,
-    GROUND_PLAIN, LISTED_GROUPS, SELECT_GROUP_SIZE,
+    GROUND_PLAIN, SELECT_GROUP_SIZE, SELECT_SHARDS, TALLY_ENTRIES,
 };
 use crate::prepare::Tables;
 
@@ -105,13 +105,16 @@ fn frustum_planes(clip_from_world: Mat4) -> [Vec4; 6] {
 }
 
 const COMPUTE: vk::PipelineBindPoint = vk::PipelineBindPoint::COMPUTE;
-/// The listed buffer's head where nobody is listed.
-const NOBODY: [u32; 4] = [0, 1, 1, 0];
+
+/// Workgroups of a shard's threads, one per agent.
+pub(crate) fn shard_groups(agents: u32) -> u32 {
+    agents.div_ceil(SELECT_GROUP_SIZE * SELECT_SHARDS)
+}
 
 /// Records the passes that make the lists of everybody, or, with `occlusion`, of those whom the occluders do not hide.
 pub(crate) fn record(c: &mut Commands, drawing: &Drawing, occlusion: bool) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
-    let groups = (slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE);
+    let groups = shard_groups(slot.agents.len() as u32);
     begin(c, drawing);
     if groups > 0 {
         c.bind_pipeline(
@@ -122,7 +125,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, occlusion: bool) {
                 pipelines.count
             },
         );
-        c.dispatch(groups);
+        c.dispatch_rows([groups, SELECT_SHARDS]);
     }
     scan_and_scatter(c, drawing);
 }
@@ -132,31 +135,24 @@ pub(crate) fn record_occluders(c: &mut Commands, drawing: &Drawing) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
     begin(c, drawing);
-    c.bind_pipeline(COMPUTE, pipelines.gather);
-    c.dispatch((slot.agents.len() as u32).div_ceil(SELECT_GROUP_SIZE));
-    c.barrier(
-        Access::ComputeReadWrite,
-        &[Access::ComputeReadWrite, Access::DispatchRead],
-    );
     c.bind_pipeline(COMPUTE, pipelines.count_occluders);
-    c.dispatch_indirect(&buffers.listed, 4 * LISTED_GROUPS as u64);
+    c.dispatch_rows([shard_groups(slot.agents.len() as u32), SELECT_SHARDS]);
     scan_and_scatter(c, drawing);
     let region = vk::BufferCopy {
         src_offset: 0,
         dst_offset: 0,
-        size: buffers.tally.size_bytes,
+        size: list_bytes(slot.shape)[0],
     };
     c.copy_buffer(&buffers.tally, &buffers.readback, region);
     c.barrier(Access::TransferWrite, &[Access::HostRead]);
 }
 
-/// Empties tally and list, which the frame's commands before may still be reading.
+/// Empties the tally, which the frame's commands before may still be reading.
 fn begin(c: &mut Commands, drawing: &Drawing) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
     c.barrier(Access::ListRead, &[Access::TransferWrite]);
     c.fill_zero(&buffers.tally, vk::WHOLE_SIZE);
-    c.write_words(&buffers.listed, &NOBODY);
     c.barrier(Access::TransferWrite, &[Access::ComputeReadWrite]);
     c.bind_set(COMPUTE, pipelines.select_layout, 0, slot.select_set);
 }
@@ -165,15 +161,15 @@ fn begin(c: &mut Commands, drawing: &Drawing) {
 fn scan_and_scatter(c: &mut Commands, drawing: &Drawing) {
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
+    c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
+    c.bind_pipeline(COMPUTE, pipelines.scan);
+    c.dispatch(1);
     c.barrier(
         Access::ComputeReadWrite,
         &[Access::ComputeReadWrite, Access::DispatchRead],
     );
-    c.bind_pipeline(COMPUTE, pipelines.scan);
-    c.dispatch(1);
-    c.barrier(Access::ComputeReadWrite, &[Access::ComputeReadWrite]);
     c.bind_pipeline(COMPUTE, pipelines.scatter);
-    c.dispatch_indirect(&buffers.listed, 4 * LISTED_GROUPS as u64);
+    c.dispatch_indirect(&buffers.tally, 4 * TALLY_ENTRIES as u64);
     c.barrier(
         Access::ComputeReadWrite,
         &[

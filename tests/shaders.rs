@@ -317,6 +317,7 @@ fn shared_numbers_are_equal() {
     use gpu_types as t;
     for (name, host) in [
         ("SELECT_GROUP_SIZE", t::SELECT_GROUP_SIZE as f64),
+        ("SELECT_SHARDS", t::SELECT_SHARDS as f64),
         ("SCAN_GROUP_SIZE", t::SCAN_GROUP_SIZE as f64),
         ("PALETTE_ROW_ENTRIES", t::PALETTE_ROW_ENTRIES as f64),
         ("VERTEX_ROW_VERTICES", t::VERTEX_ROW_VERTICES as f64),
@@ -333,11 +334,6 @@ fn shared_numbers_are_equal() {
         ("FLAT_BIN", t::FLAT_BIN as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),
-        ("DRAW_COMMAND_WORDS", t::DRAW_COMMAND_WORDS as f64),
-        (
-            "DRAW_FIRST_INSTANCE_WORD",
-            t::DRAW_FIRST_INSTANCE_WORD as f64,
-        ),
         ("BIN_NONE", t::BIN_NONE as f64),
         ("TALLY_VISIBLE", t::TALLY_VISIBLE as f64),
         ("TALLY_LIVE_VERTICES_LOW", t::TALLY_LIVE_VERTICES_LOW as f64),
@@ -348,9 +344,10 @@ fn shared_numbers_are_equal() {
         ("TALLY_MESHES", t::TALLY_MESHES as f64),
         ("TALLY_OCCLUDED", t::TALLY_OCCLUDED as f64),
         ("TALLY_BINS", t::TALLY_BINS as f64),
-        ("LISTED_GROUPS", t::LISTED_GROUPS as f64),
-        ("LISTED_COUNT", t::LISTED_COUNT as f64),
-        ("LISTED_AGENTS", t::LISTED_AGENTS as f64),
+        ("TALLY_ENTRIES", t::TALLY_ENTRIES as f64),
+        ("TALLY_ALIGNMENT", t::TALLY_ALIGNMENT as f64),
+        ("SELECTED_NEAREST", t::SELECTED_NEAREST as f64),
+        ("SELECTED_CASTS", t::SELECTED_CASTS as f64),
         ("OCCLUDER_TEXEL_PX", t::OCCLUDER_TEXEL_PX as f64),
         ("OCCLUDER_SLOPE_MAX", t::OCCLUDER_SLOPE_MAX as f64),
         ("OCCLUDER_MARGIN", t::OCCLUDER_MARGIN as f64),
@@ -444,6 +441,10 @@ fn the_lint_finds_what_it_is_for() {
             "[[vk::binding(1, 0)]] StructuredBuffer<uint> a;",
         ),
         ("b.InterlockedAdd(0, 1, v);", "b.InterlockedAdd(0u, 1u, v);"),
+        (
+            "x = WavePrefixSum(v);",
+            "x = WavePrefixSum(v) - v; // the scan is inclusive",
+        ),
     ] {
         let found = lint::lint("a.hlsl", bad);
         assert_eq!(found.len().min(1), 1, "nothing found in: {bad}");

@@ -32,15 +32,15 @@ impl Kind {
 use Kind::{Image, Sampler, Storage, Texels, Uniform};
 
 /// Frame constants, agents, characters, clips, submeshes, bands, levels, tally, selected, draws, instances; selected and
-/// draws as the scatter pass reads them; ranges; the occluders' pyramid; listed agents, and those as other passes read them.
+/// tally as the scatter pass reads them; ranges; the occluders' pyramid.
 pub const SELECT: &[Kind] = &[
     Uniform, Texels, Texels, Texels, Texels, Storage, Texels, Storage, Storage, Storage, Storage,
-    Texels, Texels, Texels, Texels, Storage, Texels,
+    Texels, Texels, Texels, Texels,
 ];
 /// The same for devices whose texel buffers are small.
 pub const SELECT_STORAGE: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage, Storage, Storage, Storage, Storage, Storage, Storage,
+    Storage, Storage, Storage, Storage, Storage,
 ];
 /// Frame constants, the occluders' depth and the pyramid over it.
 pub const REDUCE: &[Kind] = &[Uniform, Image, Storage];

@@ -321,18 +321,6 @@ impl<'a> Commands<'a> {
         };
     }
 
-    /// Writes a few words to the start of a buffer.
-    pub fn write_words(&mut self, buffer: &Buffer, words: &[u32]) {
-        unsafe {
-            self.context.device.cmd_update_buffer(
-                self.cmd,
-                buffer.handle,
-                0,
-                bytemuck::cast_slice(words),
-            )
-        };
-    }
-
     /// Begins rendering to a depth image alone, all of it cleared to `far`.
     pub fn begin_depth_rendering(&mut self, depth: &Image, far: f32) {
         let attachment = vk::RenderingAttachmentInfo::default()

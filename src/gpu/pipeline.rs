@@ -48,7 +48,6 @@ pub(crate) struct Pipelines {
     pub scatter: vk::Pipeline,
     /// The count pass of agents that nobody hides.
     pub count_unhidden: vk::Pipeline,
-    pub gather: vk::Pipeline,
     pub count_occluders: vk::Pipeline,
     pub reduce_set: vk::DescriptorSetLayout,
     pub reduce_layout: vk::PipelineLayout,
@@ -215,7 +214,6 @@ impl Pipelines {
         self.scan = compute(cx, "select_scan", self.select_layout)?;
         self.scatter = selects("scatter")?;
         self.count_unhidden = selects("count_unhidden")?;
-        self.gather = selects("gather")?;
         self.count_occluders = selects("count_occluders")?;
         self.reduce_set = set_layout(cx, "reduce", bindings::REDUCE, S::COMPUTE)?;
         self.reduce_layout = pipeline_layout(cx, "reduce", &[self.reduce_set], None)?;
@@ -487,7 +485,6 @@ impl Pipelines {
                 self.scan,
                 self.scatter,
                 self.count_unhidden,
-                self.gather,
                 self.count_occluders,
                 self.reduce,
                 self.reduce_top,

@@ -147,11 +147,15 @@ pub(crate) fn check(
     {
         return Err(missing("subgroup sums and ballots in compute", "select"));
     }
+    // A lane for each counter.
+    if subgroups.subgroup_size < 4 {
+        return Err(missing("subgroups of at least 4", "select"));
+    }
     let l = &p.limits;
     for (has, needs, limit, needed_for) in [
         (
             l.max_per_stage_descriptor_storage_buffers,
-            16,
+            14,
             "maxPerStageDescriptorStorageBuffers",
             "select",
         ),

@@ -15,12 +15,13 @@ use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, BandInfo, DrawCommand, FrameConstants, Instance, LISTED_AGENTS, MAX_RANGES,
-    RangeInfo, Selected, TALLY_BINS,
+    AgentState, BandInfo, DrawCommand, FrameConstants, Instance, MAX_RANGES, RangeInfo,
+    SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
 };
 use crate::pool::Pool;
 use crate::prepare::Tables;
 use crate::reference::select::Selection;
+use crate::select::shard_groups;
 
 /// Timestamps of a frame, in order.
 #[derive(Debug, Clone, Copy)]
@@ -70,9 +71,7 @@ pub(crate) struct SlotBuffers {
     pub selected: Buffer,
     pub draws: Buffer,
     pub instances: Buffer,
-    /// Arguments of an indirect dispatch over the agents that stand behind them.
-    pub listed: Buffer,
-    /// The occluders' tally and the frame's, and behind them, for tests, draws and instances.
+    /// The occluders' counts and the frame's, and behind them, for tests, draws and instances.
     pub readback: Buffer,
 }
 
@@ -435,11 +434,9 @@ impl Slot {
                 &b.draws,
                 &b.instances,
                 &b.selected,
-                &b.draws,
+                &b.tally,
                 &b.ranges,
                 pyramid,
-                &b.listed,
-                &b.listed,
             ];
             let kinds = match cx.capabilities.reads_texels() {
                 true => bindings::SELECT,
@@ -530,38 +527,33 @@ impl SlotBuffers {
         } else {
             2 * tally
         };
-        let listed = (LISTED_AGENTS as u64 + shape.agents as u64) * 4;
+        let tallies =
+            tally.next_multiple_of(4 * TALLY_ALIGNMENT as u64) * (1 + SELECT_SHARDS as u64);
         let storage = U::STORAGE_BUFFER;
         let source = storage | U::TRANSFER_SRC;
         let agents = shape.agents as u64 * size_of::<AgentState>() as u64;
         let ranges = (shape.characters * MAX_RANGES) as u64 * size_of::<RangeInfo>() as u64;
-        let selected =
-            shape.agents as u64 * shape.entry_stride as u64 * size_of::<Selected>() as u64;
+        let threads =
+            shard_groups(shape.agents) as u64 * (SELECT_GROUP_SIZE * SELECT_SHARDS) as u64;
+        let selected = threads * shape.entry_stride as u64 * size_of::<Selected>() as u64;
         let wanted = [
             ("agents", agents, storage, CpuToGpu, Some(UINT4)),
             ("ranges", ranges, storage, CpuToGpu, Some(UINT4)),
-            ("tally", tally, source | U::TRANSFER_DST, GpuOnly, None),
-            ("selected", selected, storage, GpuOnly, Some(UINT4)),
             (
-                "draws",
-                draws,
-                source | U::INDIRECT_BUFFER,
+                "tally",
+                tallies,
+                source | U::TRANSFER_DST | U::INDIRECT_BUFFER,
                 GpuOnly,
                 Some(UINT),
             ),
+            ("selected", selected, storage, GpuOnly, Some(UINT4)),
+            ("draws", draws, source | U::INDIRECT_BUFFER, GpuOnly, None),
             (
                 "instances",
                 instances,
                 source | U::VERTEX_BUFFER,
                 GpuOnly,
                 None,
-            ),
-            (
-                "listed agents",
-                listed,
-                storage | U::INDIRECT_BUFFER | U::TRANSFER_DST,
-                GpuOnly,
-                Some(UINT),
             ),
             ("readback", readback, U::TRANSFER_DST, GpuToCpu, None),
         ];
@@ -582,20 +574,10 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok(
-            [
-                agents,
-                ranges,
-                tally,
-                selected,
-                draws,
-                instances,
-                listed,
-                readback,
-            ],
-        ) = <[Buffer; 8]>::try_from(made)
+        let Ok([agents, ranges, tally, selected, draws, instances, readback]) =
+            <[Buffer; 7]>::try_from(made)
         else {
-            unreachable!("eight buffers were made above");
+            unreachable!("seven buffers were made above");
         };
         Ok(Self {
             agents,
@@ -604,7 +586,6 @@ impl SlotBuffers {
             selected,
             draws,
             instances,
-            listed,
             readback,
         })
     }
@@ -617,7 +598,6 @@ impl SlotBuffers {
             self.selected,
             self.draws,
             self.instances,
-            self.listed,
             self.readback,
         ] {
             cx.destroy_buffer(buffer);
@@ -625,7 +605,7 @@ impl SlotBuffers {
     }
 }
 
-/// Bytes of tally, draws and instances, each a multiple of 16.
+/// Bytes of the frame's part of the tally, of draws and of instances, each a multiple of 16.
 pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
