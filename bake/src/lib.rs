@@ -29,4 +29,4 @@ pub mod sliding_tris;
 pub mod texture;
 pub mod tint;
 pub mod validate;
-mod words;
+pub mod words;

@@ -2,7 +2,7 @@
 
 /// The words of a name, in small letters, parted where people see them part: `LeftUpperArm.001` is left, upper, arm;
 /// `TShirt` is t, shirt; `IKFrontLeg.L` is ik, front, leg, l; `WHITE` is one word.
-pub(crate) fn words(name: &str) -> Vec<String> {
+pub fn words(name: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut after_small = false;
     let mut chars = name.chars().peekable();

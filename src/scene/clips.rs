@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use throng_bake::baked::Baked;
+use throng_bake::words::words;
 
 use super::SceneCrowd;
 
@@ -113,27 +114,15 @@ pub fn find_clip<'a>(names: impl Iterator<Item = &'a str> + Clone, name: &str) -
         .map(|(.., i)| i)
 }
 
-/// Whether a word of the name begins with `wanted`, which is in small letters. Words part where people see them part.
+/// Whether a word of the name begins with `wanted`, which is in small letters.
 fn word_fit(name: &str, wanted: &str) -> Option<Fit> {
-    let chars: Vec<char> = name.chars().collect();
-    let wanted: Vec<char> = wanted.chars().collect();
-    let begins_word = |i: usize| {
-        i == 0
-            || chars[i].is_alphabetic() != chars[i - 1].is_alphabetic()
-            || (chars[i].is_uppercase() && chars[i - 1].is_lowercase())
-    };
-    let is_at = |i: usize| {
-        let here = chars[i..].iter().flat_map(|c| c.to_lowercase());
-        begins_word(i) && !wanted.is_empty() && here.take(wanted.len()).eq(wanted.iter().copied())
-    };
-    let fit_at = |i: usize| {
-        let rest = (i + wanted.len()).min(chars.len())..chars.len();
-        match rest.clone().any(begins_word) {
-            true => Fit::Word,
-            false => Fit::LastWord,
-        }
-    };
-    (0..chars.len()).filter(|&i| is_at(i)).map(fit_at).min()
+    let words = words(name);
+    let begins = |word: &String| !wanted.is_empty() && word.starts_with(wanted);
+    let at = words.iter().rposition(begins)?;
+    Some(match at + 1 == words.len() {
+        true => Fit::LastWord,
+        false => Fit::Word,
+    })
 }
 
 /// Index of the clip that a character stands in: its idle one, else its first.
