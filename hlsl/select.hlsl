@@ -162,6 +162,28 @@ uint ShardTally(uint shard)
     return (shard + 1u) * words;
 }
 
+// Where a shard's entries start in the selected buffer.
+uint ShardEntries(uint shard)
+{
+    return shard * ShardAgents() * frame.entry_stride;
+}
+
+// The agent of a thread, where passes have one thread per agent and a row of workgroups per shard.
+struct Member
+{
+    uint index; // any agent's where the thread has none
+    bool inside;
+};
+
+Member MemberAt(uint3 thread)
+{
+    uint index = thread.y * ShardAgents() + thread.x;
+    Member member;
+    member.index = min(index, frame.agent_count - 1u);
+    member.inside = index < frame.agent_count;
+    return member;
+}
+
 // Selected::packed of an agent at an error, but for its shadow.
 uint PackSelected(uint index, AgentState agent, CharacterInfo character, ClipInfo clip0, ClipInfo clip1, float lod_error, bool still)
 {
@@ -348,10 +370,10 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
     float eye_height = frame.eye.y;
     bool still = (frame.flags & FLAG_STILL) != 0u;
     uint shard_tally = ShardTally(thread.y);
-    uint first_agent = thread.y * ShardAgents();
-    uint first_entry = first_agent * frame.entry_stride;
-    bool inside = first_agent + thread.x < frame.agent_count;
-    uint index = min(first_agent + thread.x, frame.agent_count - 1u);
+    uint first_entry = ShardEntries(thread.y);
+    Member member = MemberAt(thread);
+    bool inside = member.inside;
+    uint index = member.index;
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
@@ -389,10 +411,10 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     bool still = (frame.flags & FLAG_STILL) != 0u;
     bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
     uint shard_tally = ShardTally(thread.y);
-    uint first_agent = thread.y * ShardAgents();
-    uint first_entry = first_agent * frame.entry_stride;
-    bool inside = first_agent + thread.x < frame.agent_count;
-    uint index = min(first_agent + thread.x, frame.agent_count - 1u);
+    uint first_entry = ShardEntries(thread.y);
+    Member member = MemberAt(thread);
+    bool inside = member.inside;
+    uint index = member.index;
     AgentState agent = LoadAgent(index);
     CharacterInfo character = LoadCharacter(agent.character);
     ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
@@ -442,7 +464,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         bool fades_out = !shows || e > submesh_count;
         uint pose_fade = pose | (choice.fade << IMPOSTOR_FADE_SHIFT) | (fades_out ? IMPOSTOR_FADES_OUT : 0u);
         uint bin = of_mesh ? level.y : fades_out ? choice.before : choice.bin;
-        uint packed = PackSelected(index, agent, LoadCharacter(agent.character), clip0, clip1, lod_error, still);
+        uint packed = PackSelected(index, agent, character, clip0, clip1, lod_error, still);
         uint rank = 0u;
         if (bin != BIN_NONE)
         {
@@ -583,7 +605,7 @@ void CSScan(uint local : SV_GroupIndex)
 void CSScatter(uint3 thread : SV_DispatchThreadID)
 {
     uint shard_tally = ShardTally(thread.y);
-    uint first_entry = thread.y * ShardAgents() * frame.entry_stride;
+    uint first_entry = ShardEntries(thread.y);
     bool still = (frame.flags & FLAG_STILL) != 0u;
     uint4 entry = chosen[first_entry + thread.x];
     bool there = thread.x < tallied[shard_tally + TALLY_ENTRIES] && entry.x != BIN_NONE;
