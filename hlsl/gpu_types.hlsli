@@ -18,9 +18,14 @@
 #define IMPOSTOR_POSE_MASK 0x7fffffu
 #define IMPOSTOR_FADE_SHIFT 23
 #define IMPOSTOR_FADES_OUT 0x80000000u
-// The bins of all characters' agents that are one quad, and of those that are a quad for each group of joints.
+// All characters' agents that are impostors of a kind are listed by slices of distance, so many to a kind, the farthest first:
+// their soft edges blend over who stands behind them. Slices are steps of the bits of distance / near, 32 to a doubling.
+#define SLICE_COUNT 512
+#define SLICE_SHIFT 18
+// The first bins of agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
-#define FLAT_BIN 1
+#define FLAT_BIN 512
+#define IMPOSTOR_KINDS 2
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06

@@ -1,7 +1,7 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
-// list per (submesh, band). Three passes: count, scan, scatter; who is one quad is written in the first. Twin:
+// list per (submesh, band), and impostors into one per slice of distance. Three passes: count, scan, scatter. Twin:
 // src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 1].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 3].
 // The order within a list is not defined.
 // Occluders' lists are made the same way before: count_occluders takes coarse levels of who is large enough.
 //
@@ -301,41 +301,29 @@ uint PoseAt(ClipInfo clip, float phase)
     return clip.first_pose + (pose < clip.pose_count ? pose : 0u);
 }
 
-// Where the list entries of a lane go: among its shard's in the selected buffer, and in the list of all that are one quad.
-struct Places
+// Takes places for a lane's entries among its shard's, and counts. All lanes call it: their sums are added by one atomic, in a
+// lane each.
+uint TakePlaces(uint shard_tally, uint entry_count, bool visible, bool is_mesh)
 {
-    uint entry;
-    uint quad;
-};
-
-// Takes places for a lane's entries, and counts. All lanes call it: their sums are added by one atomic, in a lane each.
-Places TakePlaces(uint shard_tally, uint entry_count, bool is_quad, bool visible, bool is_mesh)
-{
-    uint wanted = entry_count | (is_quad ? 1u << 24 : 0u);
-    uint before = WavePrefixSum(wanted) - wanted; // glslang's scan is inclusive
-    uint all = WaveActiveSum(wanted);
+    uint before = WavePrefixSum(entry_count) - entry_count; // glslang's scan is inclusive
+    uint all = WaveActiveSum(entry_count);
     uint counted = WaveActiveSum((visible ? 1u : 0u) | (is_mesh ? 1u << 16 : 0u));
     uint lane = WaveGetLaneIndex();
-    uint word = lane == 0u ? TALLY_BINS + QUAD_BIN : shard_tally
-        + (lane == 1u ? TALLY_ENTRIES : lane == 2u ? TALLY_VISIBLE : TALLY_MESHES);
-    uint sum = lane == 0u ? all >> 24 : lane == 1u ? all & 0xffffffu : lane == 2u ? counted & 0xffffu : counted >> 16;
+    uint word = lane == 0u ? TALLY_ENTRIES : lane == 1u ? TALLY_VISIBLE : TALLY_MESHES;
+    uint sum = lane == 0u ? all : lane == 1u ? counted & 0xffffu : counted >> 16;
     uint place = 0u;
-    if (lane < 4u && sum > 0u)
+    if (lane < 3u && sum > 0u)
     {
-        InterlockedAdd(tally[word], sum, place);
+        InterlockedAdd(tally[shard_tally + word], sum, place);
     }
-    Places places;
-    places.quad = WaveReadLaneFirst(place) + (before >> 24);
-    places.entry = WaveActiveSum(lane == 1u ? place : 0u) + (before & 0xffffffu);
-    return places;
+    return WaveReadLaneFirst(place) + before;
 }
 
-// The list of all that are one quad is the first, so a place in it is known at once, and nothing else reads poses.
-void WriteQuad(uint place, uint index, AgentState agent, uint pose_fade, float shadow_radius)
+// What to add to an impostor kind's first bin for that of a distance.
+uint SliceAt(float distance)
 {
-    instances[4u * place] = uint4(asuint(agent.position), asuint(agent.heading_cos * agent.scale));
-    instances[4u * place + 1u] = uint4(agent.tint_seed, pose_fade, index << 6, asuint(agent.heading_sin * agent.scale));
-    instances[4u * place + 3u].w = asuint(shadow_radius);
+    uint step = asuint(max(distance / frame.near, 1.0)) - asuint(1.0);
+    return SLICE_COUNT - 1u - min(step >> SLICE_SHIFT, SLICE_COUNT - 1u);
 }
 
 // What an agent's bounds say: how far it is, and whether any of it is in the picture.
@@ -385,7 +373,7 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
     bool level_view = eye_height - top <= OCCLUDER_SLOPE_MAX * bounds.distance;
     bool wanted = inside && bounds.inside && large && level_view;
     uint entry_count = wanted ? character.submesh_count : 0u;
-    Places places = TakePlaces(shard_tally, entry_count, false, false, wanted);
+    uint place = TakePlaces(shard_tally, entry_count, false, wanted);
     for (uint s = 0u; s < entry_count; s++)
     {
         ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
@@ -397,7 +385,7 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
         {
             InterlockedAdd(tally[shard_tally + TALLY_BINS + level.y], 1u, rank);
         }
-        selected[first_entry + places.entry + s] = uint4(level.y, rank, level.x, packed);
+        selected[first_entry + place + s] = uint4(level.y, rank, level.x, packed);
     }
 }
 
@@ -446,14 +434,13 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     Choice choice = ChooseRange(
         agent.character, pixel_angle * distance / agent.scale, 2.0 * clip0.box_half_extent.y, agent.tint_seed);
     bool is_mesh = visible && (choice.bin == BIN_NONE || choice.before == BIN_NONE);
-    bool is_quad = visible && (choice.bin == QUAD_BIN || choice.before == QUAD_BIN);
-    // Of an impostor in a list that is made by the scatter pass.
-    bool shows = visible && choice.bin != BIN_NONE && choice.bin != QUAD_BIN;
-    bool leaves = visible && choice.before != BIN_NONE && choice.before != QUAD_BIN && choice.before != choice.bin;
+    bool shows = visible && choice.bin != BIN_NONE;
+    bool leaves = visible && choice.before != BIN_NONE && choice.before != choice.bin;
+    uint slice = SliceAt(bounds.distance);
     uint submesh_count = is_mesh ? character.submesh_count : 0u;
     uint entry_count = submesh_count + (shows ? 1u : 0u) + (leaves ? 1u : 0u);
-    Places places = TakePlaces(shard_tally, entry_count, is_quad, visible, is_mesh);
-    // An agent's first entry casts its shadow; its quad only where it has no others.
+    uint place = TakePlaces(shard_tally, entry_count, visible, is_mesh);
+    // An agent's first entry casts its shadow.
     bool casts = true;
     uint live_vertices = 0u;
     for (uint e = 0u; e < entry_count; e++)
@@ -463,23 +450,17 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         // A mesh that fades out is drawn whole: what fades in covers it.
         bool fades_out = !shows || e > submesh_count;
         uint pose_fade = pose | (choice.fade << IMPOSTOR_FADE_SHIFT) | (fades_out ? IMPOSTOR_FADES_OUT : 0u);
-        uint bin = of_mesh ? level.y : fades_out ? choice.before : choice.bin;
+        uint bin = of_mesh ? level.y : (fades_out ? choice.before : choice.bin) + slice;
         uint packed = PackSelected(index, agent, character, clip0, clip1, lod_error, still);
         uint rank = 0u;
         if (bin != BIN_NONE)
         {
             InterlockedAdd(tally[shard_tally + TALLY_BINS + bin], 1u, rank);
         }
-        selected[first_entry + places.entry + e] =
+        selected[first_entry + place + e] =
             uint4(bin, rank, of_mesh ? level.x : pose_fade, packed | (casts ? SELECTED_CASTS : 0u));
         live_vertices += of_mesh && bin != BIN_NONE ? level.x : 0u;
         casts = casts && bin == BIN_NONE;
-    }
-    for (uint q = is_quad ? 1u : 0u; q > 0u; q--)
-    {
-        uint fade = (choice.fade << IMPOSTOR_FADE_SHIFT) | (choice.bin == QUAD_BIN ? 0u : IMPOSTOR_FADES_OUT);
-        float shadow_radius = casts ? ShadowRadius(agent, character, clip0) : 0.0;
-        WriteQuad(places.quad, index, agent, pose | fade, shadow_radius);
     }
 
     uint wave_live_vertices = WaveActiveSum(live_vertices);
@@ -544,8 +525,7 @@ void CSScan(uint local : SV_GroupIndex)
     uint sum = 0u;
     for (uint i = first; i < end; i++)
     {
-        // Who is one quad was not counted by shards.
-        uint count = tally[TALLY_BINS + i];
+        uint count = 0u;
         for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
         {
             count += tally[ShardTally(shard) + TALLY_BINS + i];
@@ -597,6 +577,14 @@ void CSScan(uint local : SV_GroupIndex)
     if (local == 0u)
     {
         SumShards();
+    }
+    // And behind that: all slices of each impostor kind in one draw.
+    DeviceMemoryBarrierWithGroupSync();
+    if (local < IMPOSTOR_KINDS)
+    {
+        DrawCommand slices = draws[local * SLICE_COUNT];
+        slices.instance_count = draws[(local + 1u) * SLICE_COUNT].first_instance - slices.first_instance;
+        draws[frame.bin_count + 1u + local] = slices;
     }
 }
 

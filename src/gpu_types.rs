@@ -20,10 +20,16 @@ pub const IMPOSTOR_POSE_MASK: u32 = 0x7f_ffff;
 pub const IMPOSTOR_FADE_SHIFT: u32 = 23;
 /// Its bit that says it fades out.
 pub const IMPOSTOR_FADES_OUT: u32 = 0x8000_0000;
-/// The bin of all characters' agents that are one quad.
+/// Slices of distance that impostors of a kind are listed by, a bin for each, the farthest first.
+pub const SLICE_COUNT: u32 = 512;
+/// Bits of distance / near below its slice.
+pub const SLICE_SHIFT: u32 = 18;
+/// The first bin of all characters' agents that are one quad.
 pub const QUAD_BIN: u32 = 0;
-/// The instance list of all agents that are a quad for each group of joints.
-pub const FLAT_BIN: u32 = 1;
+/// The first bin of those that are a quad for each group of joints.
+pub const FLAT_BIN: u32 = SLICE_COUNT;
+/// Impostor kinds, whose bins are the first.
+pub const IMPOSTOR_KINDS: u32 = 2;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.

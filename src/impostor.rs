@@ -8,11 +8,13 @@ use throng_bake::baked::PaletteEntry;
 use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
 use crate::gpu::{Commands, Drawing};
-use crate::gpu_types::{BandInfo, FLAT_BIN, QUAD_BIN};
+use crate::gpu_types::{BandInfo, DrawCommand, FLAT_BIN, QUAD_BIN, SLICE_COUNT};
 use crate::pool::Pool;
 
 /// Records the draws of all impostors that may have agents.
-pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
+///
+/// `bins` are those of the frame's lists: each kind's draw stands behind them.
+pub(crate) fn record(c: &mut Commands, drawing: &Drawing, bins: usize) {
     const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let (Some(buffers), Some(gallery)) = (&slot.buffers, drawing.gallery) else {
@@ -29,13 +31,14 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing) {
             c.bind_indices(&gallery.indices);
         }
     };
+    // One quad is mostly further away than a quad for each group of joints.
     for (bin, pipeline) in [
-        (FLAT_BIN, pipelines.impostor),
         (QUAD_BIN, pipelines.impostor_soft),
+        (FLAT_BIN, pipelines.impostor),
     ] {
         if (0..drawing.residents.len()).any(|character| slot.may_draw(character, bin)) {
             bind(c, pipeline);
-            c.draw_indexed_indirect(&buffers.draws, bin, 1);
+            c.draw_indexed_indirect(&buffers.draws, bins as u32 + 1 + bin / SLICE_COUNT, 1);
         }
     }
 }
@@ -334,8 +337,30 @@ pub fn indices(quad_count: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The index window of a bin whose agents have so many quads.
-pub fn window(quad_count: u32) -> BandInfo {
+/// The draw of all slices of a kind, whose first bin is `bin`; the device makes the same behind all others.
+pub fn all_slices(draws: &[DrawCommand], bin: u32) -> DrawCommand {
+    let of = |bin: u32| draws.get(bin as usize).copied();
+    let first = of(bin).unwrap_or_else(bytemuck::Zeroable::zeroed);
+    let last = of(bin + SLICE_COUNT - 1).unwrap_or(first);
+    DrawCommand {
+        instance_count: last.first_instance + last.instance_count - first.first_instance,
+        ..first
+    }
+}
+
+/// The index windows of the bins of all kinds, which are the first, where nobody has quads that follow joints.
+pub fn windows() -> Vec<BandInfo> {
+    [1, 0]
+        .map(|quads| [window(quads); SLICE_COUNT as usize])
+        .concat()
+}
+
+/// Sets those of agents that are a quad for each group of joints, where nobody has more than `quad_count` of them.
+pub fn set_windows(windows: &mut [BandInfo], quad_count: u32) {
+    windows[FLAT_BIN as usize..][..SLICE_COUNT as usize].fill(window(quad_count));
+}
+
+fn window(quad_count: u32) -> BandInfo {
     BandInfo {
         first_index: 0,
         index_count: 6 * quad_count,

@@ -13,8 +13,8 @@ use throng_bake::quantize::{decode_position, decode_weights};
 use crate::error::RenderError;
 use crate::frame::{CharacterId, FrameOptions};
 use crate::gpu_types::{
-    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, FLAT_BIN, LEVEL_SHIFT,
-    LevelInfo, RangeInfo, SubmeshInfo,
+    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
+    RangeInfo, SubmeshInfo,
 };
 use crate::impostor::{self, Gallery};
 use crate::pool::Pool;
@@ -35,8 +35,7 @@ pub struct Tables {
     pub clip_counts: Vec<u32>,
     /// Submeshes of all characters.
     pub submeshes: Pool<SubmeshInfo>,
-    /// The window of one quad, then the bands of all submeshes, and behind those of a character the windows of its impostor
-    /// kinds that follow joints; the place here is the bin.
+    /// The windows of impostors, for each slice of each kind, then the bands of all submeshes; the place here is the bin.
     /// Shared with the reports of frames in flight.
     pub bands: Arc<Pool<BandInfo>>,
     /// Levels of detail of all submeshes.
@@ -72,7 +71,7 @@ impl Default for Tables {
             clips: Pool::default(),
             clip_counts: Vec::new(),
             submeshes: Pool::default(),
-            bands: Arc::new(Pool::from(vec![impostor::window(1), impostor::window(0)])),
+            bands: Arc::new(Pool::from(impostor::windows())),
             levels: Pool::default(),
             tops: Vec::new(),
             representations: Vec::new(),
@@ -198,7 +197,7 @@ impl Tables {
             waiting_vertex_count: waiting,
         });
         let windows = Arc::make_mut(&mut self.bands);
-        windows[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
+        impostor::set_windows(windows, self.gallery.quad_count);
         let generation = self.held[slot].generation;
         let held = Held {
             id: Some(id),
@@ -241,7 +240,7 @@ impl Tables {
         windows.remove(held.bands);
         if let Some(block) = held.block {
             self.gallery.remove(block);
-            windows[FLAT_BIN as usize] = impostor::window(self.gallery.quad_count);
+            impostor::set_windows(windows, self.gallery.quad_count);
         }
         self.clips.remove(held.clips);
         self.submeshes.remove(held.submeshes);

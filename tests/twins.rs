@@ -7,7 +7,8 @@ use common::{
 };
 use throng::bake::baked::Baked;
 use throng::gpu::Headless;
-use throng::gpu_types::{AgentState, Instance};
+use throng::gpu_types::{AgentState, FLAT_BIN, IMPOSTOR_KINDS, Instance, QUAD_BIN, SLICE_COUNT};
+use throng::impostor::all_slices;
 use throng::reference::impostor::place_quad;
 use throng::reference::mesh::{Skinned, mesh};
 use throng::reference::select::{Selection, select};
@@ -220,6 +221,45 @@ fn representations_are_chosen_as_their_twin_chooses() {
     assert_silent(&headless);
 }
 
+/// Soft edges blend over who stands behind: whoever is in a later slice is nearer, and all slices are drawn.
+#[test]
+fn impostors_are_listed_from_far_to_near() {
+    let mut headless = headless(SIZE);
+    let id = headless
+        .add_character(&baked_mascot_with_impostors())
+        .expect("it uploads");
+    let agents = crowd(1500, &[id]);
+    for (method, bin) in [(Method::Flat, FLAT_BIN), (Method::Quad, QUAD_BIN)] {
+        let options = options(method);
+        let lists = render(&mut headless, &agents, &options);
+        let tables = headless.tables();
+        let frame = throng::select::frame_constants(&view(SIZE), &options, 1500, tables, true);
+        let eye = glam::Vec3::from(frame.eye);
+        let (mut slices, mut nearest_before) = (0, f32::INFINITY);
+        for slice in bin..bin + SLICE_COUNT {
+            let draw = lists.draws[slice as usize];
+            let list =
+                &lists.instances[draw.first_instance as usize..][..draw.instance_count as usize];
+            // Slices are of the distance to bounds, whose size varies by clip and scale.
+            let distances = list.iter().map(|i| eye.distance(i.position.into()));
+            let (mut near, mut far) = (f32::INFINITY, 0.0f32);
+            for d in distances {
+                (near, far) = (near.min(d), far.max(d));
+            }
+            slices += (draw.instance_count > 0) as u32;
+            assert!(
+                far < nearest_before + 1.0,
+                "{far} m behind {nearest_before} m"
+            );
+            nearest_before = nearest_before.min(near);
+        }
+        assert!(slices > 80, "{slices} slices have somebody");
+        let all = all_slices(&lists.draws, bin);
+        assert_eq!(all.instance_count as u64, lists.visible, "{method:?}");
+    }
+    assert_silent(&headless);
+}
+
 #[test]
 fn a_corrupted_selection_is_found() {
     let mut headless = headless(SIZE);
@@ -278,7 +318,7 @@ fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixe
     };
     let lists = render(headless, agents, &options);
     let mut influences = std::collections::BTreeSet::new();
-    let mut first_band = 0;
+    let mut first_band = (IMPOSTOR_KINDS * SLICE_COUNT) as usize;
     for (s, submesh) in baked.submeshes.iter().enumerate() {
         for draw in &lists.draws[first_band..first_band + submesh.band_count as usize] {
             // One instance of every band that is drawn.
@@ -413,7 +453,7 @@ fn impostors_stand_where_their_twin_puts_them() {
             headless.tables(),
             true,
         );
-        let draw = lists.draws[kinds[kind].bin as usize];
+        let draw = all_slices(&lists.draws, kinds[kind].bin);
         assert!(draw.instance_count > 50, "{draw:?}");
         for i in (0..draw.instance_count).step_by(7) {
             let gpu = headless

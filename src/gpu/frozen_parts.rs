@@ -16,6 +16,7 @@ use crate::error::RenderError;
 use crate::gpu_types::{
     DrawCommand, DrawConstants, FLAT_BIN, Instance, QUAD_BIN, SELECT_GROUP_SIZE,
 };
+use crate::impostor;
 use crate::reference::mesh::living_ancestor;
 
 /// Workgroups that every device takes along an axis.
@@ -93,8 +94,8 @@ pub(super) fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) ->
     // What blends comes last, for all characters.
     if !characters.is_empty() {
         for (kind, bin) in [
-            (ImpostorKind::Flat, FLAT_BIN),
             (ImpostorKind::Quad, QUAD_BIN),
+            (ImpostorKind::Flat, FLAT_BIN),
         ] {
             let plan = Plan::new(0, Look::Impostor(kind));
             impostors.extend(plan.of_quads(renderer, lists, bin));
@@ -137,7 +138,7 @@ impl Plan {
         let instance_bytes = 16 * self.look.rows() as u64 * vertex_count.max(1) as u64;
         let at_most = renderer.cx.capabilities.storage_range / instance_bytes;
         let at_most = at_most.clamp(1, u32::MAX as u64) as u32;
-        let all = lists.draw(bin);
+        let all = impostor::all_slices(&lists.draws, bin);
         let firsts = (0..all.instance_count).step_by(at_most as usize);
         let plan = |first: u32| {
             let mut plan = Self::new(self.character, self.look);
@@ -148,7 +149,7 @@ impl Plan {
                 ..all
             };
             plan.begin(&command, vertex_count);
-            plan.indices = crate::impostor::indices(vertex_count / 4 * command.instance_count);
+            plan.indices = impostor::indices(vertex_count / 4 * command.instance_count);
             plan
         };
         firsts.map(plan).collect()

@@ -197,7 +197,9 @@ impl Renderer {
         // After everything else, because their edges let it through.
         count_vertices(c, slot, 1, &mut |c| {
             if recorded.cpu.is_none() {
-                c.label("impostor", |c| crate::impostor::record(c, &drawing));
+                c.label("impostor", |c| {
+                    crate::impostor::record(c, &drawing, recorded.bands.len())
+                });
             }
         });
         stamp(c, slot, Stamp::ImpostorEnd);

@@ -7,7 +7,7 @@ use super::slot::{Recorded, Slot, Stamp, list_bytes};
 use crate::error::RenderError;
 use crate::frame::{FrameReport, Representation, StageTime};
 use crate::gpu_types::{
-    DrawCommand, FLAT_BIN, Instance, QUAD_BIN, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH,
+    DrawCommand, FLAT_BIN, Instance, QUAD_BIN, SLICE_COUNT, TALLY_BINS, TALLY_LIVE_VERTICES_HIGH,
     TALLY_LIVE_VERTICES_LOW, TALLY_MESHES, TALLY_OCCLUDED, TALLY_VISIBLE,
 };
 use crate::reference::occlude::Pyramid;
@@ -164,7 +164,8 @@ impl Renderer {
 
     /// Agents by representation, from the lengths of the lists; one that fades counts for both.
     fn representations(&self, meshes: u64, count: &dyn Fn(usize) -> u64) -> [Representation; 3] {
-        let [flat, quad] = [FLAT_BIN, QUAD_BIN].map(|bin| count(bin as usize));
+        let slices = |bin: u32| (bin..bin + SLICE_COUNT).map(|b| count(b as usize)).sum();
+        let [flat, quad] = [FLAT_BIN, QUAD_BIN].map(slices);
         [("mesh", meshes), ("flat", flat), ("quad", quad)]
             .map(|(kind, agents)| Representation { kind, agents })
     }

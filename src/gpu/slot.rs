@@ -15,8 +15,8 @@ use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, BandInfo, DrawCommand, FrameConstants, Instance, MAX_RANGES, RangeInfo,
-    SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
+    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_KINDS, Instance, MAX_RANGES,
+    RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
 };
 use crate::pool::Pool;
 use crate::prepare::Tables;
@@ -609,8 +609,8 @@ impl SlotBuffers {
 pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
-        // One more for the draw of all lists.
-        (shape.bins as u64 + 1) * size_of::<DrawCommand>() as u64,
+        // Behind them the draw of all lists, and that of each impostor kind.
+        (shape.bins + 1 + IMPOSTOR_KINDS) as u64 * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
     ]
     .map(|bytes| bytes.next_multiple_of(16))

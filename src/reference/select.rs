@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 use crate::gpu_types::{
     AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
     FREE_STRETCH, FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES,
-    QUAD_BIN, RangeInfo, SKINNING_ERROR_SHARE, SWITCH_HEIGHT_PX, SubmeshInfo,
+    RangeInfo, SKINNING_ERROR_SHARE, SLICE_COUNT, SLICE_SHIFT, SWITCH_HEIGHT_PX, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
@@ -13,7 +13,8 @@ use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
 /// What the stage writes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Selection {
-    /// The lists, one after the other in the order of their bins; agents rise within each.
+    /// The lists, one after the other in the order of their bins, which begin with the impostors' slices; agents rise within
+    /// each.
     pub instances: Vec<Instance>,
     /// By bin.
     pub draws: Vec<DrawCommand>,
@@ -39,12 +40,12 @@ pub fn select(
     let mut lists: Vec<Vec<Instance>> = vec![Vec::new(); tables.bands.len()];
     let mut selection = Selection::default();
     for (index, agent) in agents.iter().enumerate() {
-        let Some(distance) = view_agent(tables, agent, frame) else {
+        let Some(true_distance) = view_agent(tables, agent, frame) else {
             continue;
         };
         let middle = agent.scale * clips_of(tables, agent)[0].sphere_center[1];
         let distance =
-            distance * stretch_share(frame, Vec3::from(agent.position) + Vec3::Y * middle);
+            true_distance * stretch_share(frame, Vec3::from(agent.position) + Vec3::Y * middle);
         let shadow_radius = shadow_radius(tables, agent);
         let share = |p| open_share(p, frame, agent, clips_of(tables, agent), shadow_radius);
         let open = pyramid.map_or(1.0, share);
@@ -81,25 +82,20 @@ pub fn select(
             }
         }
         let pose = pose_of(tables, agent, still) | (choice.fade << IMPOSTOR_FADE_SHIFT);
+        let slice = slice_at(true_distance / frame.near);
         if choice.bin != BIN_NONE {
-            entries.push((choice.bin, pose));
+            entries.push((choice.bin + slice, pose));
         }
         if choice.before != BIN_NONE && choice.before != choice.bin {
-            entries.push((choice.before, pose | IMPOSTOR_FADES_OUT));
+            entries.push((choice.before + slice, pose | IMPOSTOR_FADES_OUT));
         }
-        // The first casts the shadow; one quad only where it is alone.
-        entries.sort_by_key(|&(bin, _)| bin == QUAD_BIN);
+        // The first casts the shadow.
         for (e, (bin, live_vertex_count)) in entries.into_iter().enumerate() {
-            let mut instance = Instance {
+            lists[bin as usize].push(Instance {
                 live_vertex_count,
                 shadow_radius: if e == 0 { instance.shadow_radius } else { 0.0 },
                 ..instance
-            };
-            if bin == QUAD_BIN {
-                // Its pose is a picture: no influences, no frames.
-                instance.packed = Instance::pack(0, 0, index as u32);
-            }
-            lists[bin as usize].push(instance);
+            });
         }
     }
     for (list, band) in lists.iter().zip(tables.bands.iter()) {
@@ -113,6 +109,12 @@ pub fn select(
         selection.instances.extend(list);
     }
     selection
+}
+
+/// What to add to an impostor kind's first bin for that of a distance, in near distances.
+fn slice_at(distance: f32) -> u32 {
+    let step = (distance.max(1.0).to_bits() - 1.0f32.to_bits()) >> SLICE_SHIFT;
+    SLICE_COUNT - 1 - step.min(SLICE_COUNT - 1)
 }
 
 /// A visible agent's distance, or `None` where it is culled.

@@ -151,7 +151,7 @@ pub fn baked_mascot_with_impostors() -> Baked {
         errors: [8.0, 64.0]
             .map(|height_px| ErrorSample {
                 height_px,
-                error_px: height_px / if kind == Kind::Flat { 80.0 } else { 20.0 },
+                error_px: height_px / if kind == Kind::Flat { 80.0 } else { 9.0 },
             })
             .to_vec(),
     };
