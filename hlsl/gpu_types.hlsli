@@ -26,6 +26,8 @@
 #define QUAD_BIN 0
 #define FLAT_BIN 512
 #define IMPOSTOR_KINDS 2
+// Their draws: one quad in the farthest slices, in the others; a quad for each group of joints.
+#define IMPOSTOR_DRAWS 3
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
@@ -255,9 +257,9 @@ struct FrameConstants
     uint left_px; // of the picture in its attachment
     uint top_px;
     float stretch_share_min; // StretchShare in the picture's corners; 1 in usual fields of view
+    uint plain_slices; // so many of the farthest slices have quads whose relief is too small to see
     uint padding0;
     uint padding1;
-    uint padding2;
 };
 
 // A character's constants for drawing.

@@ -1,4 +1,4 @@
-// impostor: draws every quad of an impostor kind of every agent that shows it; a draw per kind. Twin: src/reference/impostor.rs
+// impostor: draws every quad of an impostor kind of every agent that shows it. Twin: src/reference/impostor.rs
 // In: instance lists of the select stage; live_vertex_count is pose and fade.
 // Vertex numbers: 4 per quad.
 
@@ -28,7 +28,8 @@ struct Interpolants
     nointerpolation float4 sun_mip : TEXCOORD1; // towards the sun in the picture's axes; mip
     nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
     nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
-#ifdef SOFT
+#if defined(PLAIN)
+#elif defined(SOFT)
     float depth : TEXCOORD4; // of the plane before the quad's centre, in its extents
     nointerpolation float4 bounds : TEXCOORD5; // of the picture in the atlas
     nointerpolation float2 shift : TEXCOORD6; // in the atlas by a depth extent before the plane
@@ -56,7 +57,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
     share = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u ? 1.0 - share : share;
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
-#ifdef SOFT
+#if defined(PLAIN)
+#elif defined(SOFT)
     o.depth = placed.depth / placed.depth_extent;
     o.bounds = placed.bounds * gallery.xyxy + gallery.zwzw;
     o.shift = placed.shift * gallery.xy;
@@ -111,10 +113,14 @@ float4 Covering(float3 lit, float coverage)
 #ifdef SOFT
 // One quad blends its edges, and its plane is depth enough. What lies before or behind the plane shifts with the direction to
 // the eye: one step along its ray, from the depth at the plane, leaves a third of the error that a view's width causes.
+// Where that is too little to see, PLAIN leaves it out.
 float4 PSMain(Interpolants i) : SV_Target
 {
-    float before = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w).w * 2.0 - 1.0 - i.depth;
-    float2 uv = clamp(i.uv_height.xy + before * i.shift, i.bounds.xy, i.bounds.zw);
+    float2 uv = i.uv_height.xy;
+#ifndef PLAIN
+    float before = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w).w * 2.0 - 1.0 - i.depth;
+    uv = clamp(uv + before * i.shift, i.bounds.xy, i.bounds.zw);
+#endif
     float4 color = color_texture.SampleLevel(atlas_sampler, uv, i.sun_mip.w);
     float coverage = color.a * i.tint_share.w;
     if (coverage < SOFT_EDGE)

@@ -1,5 +1,5 @@
 // limit: draws triangles and quads that were transformed before, for the least that their picture can cost. Compiled for each
-// kind of mesh, and with IMPOSTOR for quads, with SOFT for blended ones. With TRANSFORM, CSTransform writes what the stage's
+// kind of mesh, and with IMPOSTOR for quads, with SOFT for one quad each, with PLAIN for those without relief. With TRANSFORM, CSTransform writes what the stage's
 // vertex shader hands to its pixel shader, once; VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor
 // draw the same triangles in one colour.
 // In: instance lists of the select stage; out: transformed[instance][vertex], LIMIT_ROWS each. Threads of CSTransform: one per
@@ -7,7 +7,11 @@
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
+#ifdef PLAIN
+#define LIMIT_ROWS 5
+#else
 #define LIMIT_ROWS 7
+#endif
 #else
 #include "mesh.hlsl"
 #if defined(TEXTURED) && defined(DOUBLE_SIDED)
@@ -74,7 +78,8 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     transformed[row + 2u] = i.sun_mip;
     transformed[row + 3u] = i.up_haze;
     transformed[row + 4u] = i.tint_share;
-#ifdef SOFT
+#if defined(PLAIN)
+#elif defined(SOFT)
     transformed[row + 5u] = i.bounds;
     transformed[row + 6u] = float4(i.shift, i.depth, 0.0);
 #else
@@ -103,7 +108,8 @@ Interpolants VSLimit(TransformedVertex v)
     o.sun_mip = v.row2;
     o.up_haze = v.row3;
     o.tint_share = v.row4;
-#ifdef SOFT
+#if defined(PLAIN)
+#elif defined(SOFT)
     o.bounds = asfloat(v.row5);
     o.shift = v.row6.xy;
     o.depth = v.row6.z;

@@ -1,7 +1,7 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
 // list per (submesh, band), and impostors into one per slice of distance. Three passes: count, scan, scatter. Twin:
 // src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 3].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 4].
 // The order within a list is not defined.
 // Occluders' lists are made the same way before: count_occluders takes coarse levels of who is large enough.
 //
@@ -578,12 +578,14 @@ void CSScan(uint local : SV_GroupIndex)
     {
         SumShards();
     }
-    // And behind that: all slices of each impostor kind in one draw.
+    // And behind that the impostors', many slices in one.
     DeviceMemoryBarrierWithGroupSync();
-    if (local < IMPOSTOR_KINDS)
+    if (local < IMPOSTOR_DRAWS)
     {
-        DrawCommand slices = draws[local * SLICE_COUNT];
-        slices.instance_count = draws[(local + 1u) * SLICE_COUNT].first_instance - slices.first_instance;
+        uint begin = local == 0u ? QUAD_BIN : local == 1u ? QUAD_BIN + frame.plain_slices : FLAT_BIN;
+        uint end = local == 0u ? QUAD_BIN + frame.plain_slices : (local == 1u ? QUAD_BIN : FLAT_BIN) + SLICE_COUNT;
+        DrawCommand slices = draws[begin];
+        slices.instance_count = draws[end].first_instance - slices.first_instance;
         draws[frame.bin_count + 1u + local] = slices;
     }
 }

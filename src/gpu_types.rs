@@ -30,6 +30,8 @@ pub const QUAD_BIN: u32 = 0;
 pub const FLAT_BIN: u32 = SLICE_COUNT;
 /// Impostor kinds, whose bins are the first.
 pub const IMPOSTOR_KINDS: u32 = 2;
+/// Their draws: one quad in the farthest slices, in the others; a quad for each group of joints.
+pub const IMPOSTOR_DRAWS: u32 = 3;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
@@ -290,9 +292,9 @@ shared_structs! {
         left_px: u32,
         top_px: u32,
         stretch_share_min: f32,
+        plain_slices: u32,
         padding0: u32,
         padding1: u32,
-        padding2: u32,
     }
     /// A character's constants for drawing.
     struct CharacterConstants {

@@ -1,4 +1,4 @@
-//! impostor: the quads of all agents that show an impostor kind, one indirect draw per kind for all characters. Host side of
+//! impostor: the quads of all agents that show an impostor kind, in a few indirect draws for all characters. Host side of
 //! hlsl/impostor.hlsl; twin in [`crate::reference::impostor`].
 
 use std::ops::Range;
@@ -7,14 +7,12 @@ use ash::vk;
 use throng_bake::baked::PaletteEntry;
 use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
-use crate::gpu::{Commands, Drawing};
-use crate::gpu_types::{BandInfo, DrawCommand, FLAT_BIN, QUAD_BIN, SLICE_COUNT};
+use crate::gpu::{Commands, Drawing, Recorded};
+use crate::gpu_types::{BandInfo, DrawCommand, FLAT_BIN, IMPOSTOR_DRAWS, QUAD_BIN, SLICE_COUNT};
 use crate::pool::Pool;
 
 /// Records the draws of all impostors that may have agents.
-///
-/// `bins` are those of the frame's lists: each kind's draw stands behind them.
-pub(crate) fn record(c: &mut Commands, drawing: &Drawing, bins: usize) {
+pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
     const GRAPHICS: vk::PipelineBindPoint = vk::PipelineBindPoint::GRAPHICS;
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let (Some(buffers), Some(gallery)) = (&slot.buffers, drawing.gallery) else {
@@ -22,25 +20,54 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, bins: usize) {
     };
     let layout = pipelines.draw_layout;
     let mut bound = false;
-    let mut bind = |c: &mut Commands, pipeline| {
-        c.bind_pipeline(GRAPHICS, pipeline);
+    // They stand behind the draws of the lists and that of all of them.
+    let first = recorded.bands.len() as u32 + 1;
+    for (place, (look, bins)) in (first..).zip(draws(recorded.plain_slices)) {
+        let kind = look.kind_bin();
+        let shown = (0..drawing.residents.len()).any(|character| slot.may_draw(character, kind));
+        if bins.is_empty() || !shown {
+            continue;
+        }
+        c.bind_pipeline(GRAPHICS, pipelines.impostor(look));
         if !std::mem::replace(&mut bound, true) {
             c.bind_instances(&buffers.instances);
             c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
             c.bind_indices(&gallery.indices);
         }
-    };
-    // One quad is mostly further away than a quad for each group of joints.
-    for (bin, pipeline) in [
-        (QUAD_BIN, pipelines.impostor_soft),
-        (FLAT_BIN, pipelines.impostor),
-    ] {
-        if (0..drawing.residents.len()).any(|character| slot.may_draw(character, bin)) {
-            bind(c, pipeline);
-            c.draw_indexed_indirect(&buffers.draws, bins as u32 + 1 + bin / SLICE_COUNT, 1);
+        c.draw_indexed_indirect(&buffers.draws, place, 1);
+    }
+}
+
+/// How quads are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// One for an agent, too small for its relief to show.
+    Plain,
+    /// One for an agent, whose pixels shift by their depth.
+    Soft,
+    /// One for each group of joints.
+    Jointed,
+}
+
+impl Look {
+    /// First bin of the kind.
+    pub fn kind_bin(self) -> u32 {
+        match self {
+            Self::Plain | Self::Soft => QUAD_BIN,
+            Self::Jointed => FLAT_BIN,
         }
     }
+}
+
+/// A frame's draws of impostors in their order, from far to near, with the bins that each shows.
+pub fn draws(plain_slices: u32) -> [(Look, Range<u32>); IMPOSTOR_DRAWS as usize] {
+    let plain_end = QUAD_BIN + plain_slices;
+    [
+        (Look::Plain, QUAD_BIN..plain_end),
+        (Look::Soft, plain_end..QUAD_BIN + SLICE_COUNT),
+        (Look::Jointed, FLAT_BIN..FLAT_BIN + SLICE_COUNT),
+    ]
 }
 
 /// The impostors of all characters as the device reads them: a table, cube maps of view cells, and all atlases on a grid of
@@ -337,11 +364,12 @@ pub fn indices(quad_count: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The draw of all slices of a kind, whose first bin is `bin`; the device makes the same behind all others.
-pub fn all_slices(draws: &[DrawCommand], bin: u32) -> DrawCommand {
-    let of = |bin: u32| draws.get(bin as usize).copied();
-    let first = of(bin).unwrap_or_else(bytemuck::Zeroable::zeroed);
-    let last = of(bin + SLICE_COUNT - 1).unwrap_or(first);
+/// The draw of some slices of a kind, of `draws` of all lists; the device makes the same behind those.
+pub fn draw_of(draws: &[DrawCommand], bins: Range<u32>) -> DrawCommand {
+    let slices = draws.get(bins.start as usize..bins.end as usize);
+    let (first, last) = slices.and_then(|s| s.first().zip(s.last())).unzip();
+    let none: DrawCommand = bytemuck::Zeroable::zeroed();
+    let (first, last) = (*first.unwrap_or(&none), last.unwrap_or(&none));
     DrawCommand {
         instance_count: last.first_instance + last.instance_count - first.first_instance,
         ..first

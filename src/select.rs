@@ -11,6 +11,7 @@ use crate::gpu_types::{
     GROUND_PLAIN, SELECT_GROUP_SIZE, SELECT_SHARDS, TALLY_ENTRIES,
 };
 use crate::prepare::Tables;
+use crate::reference::select::slice_at;
 
 /// Linear colour of the air at the horizon, as a share of the sky's light.
 const HAZE_OF_SKY: f32 = 1.6;
@@ -19,6 +20,10 @@ const HAZE_PER_METRE: f32 = 1.0 / 900.0;
 
 /// Agents of at least this height in the picture hide others.
 const OCCLUDER_HEIGHT_PX: f32 = 40.0;
+
+/// Quads of agents of this height in the picture, and smaller ones, are drawn without relief. With 24 the plaza has 1.9 percent more
+/// FLIP error, with 18 0.6.
+const PLAIN_HEIGHT_PX: f32 = 18.0;
 
 /// The constants that all stages of a frame read; `reversed_depth` as in [`crate::gpu::RendererDesc::reversed_depth`].
 pub fn frame_constants(
@@ -68,10 +73,15 @@ pub fn frame_constants(
         left_px: view.offset_px[0],
         top_px: view.offset_px[1],
         stretch_share_min: stretch_share_min(view),
+        plain_slices: 0,
         padding0: 0,
         padding1: 0,
-        padding2: 0,
     }
+}
+
+/// How many of the farthest slices are so far that a pixel of the quads of agents up to `tallest` metres hardly shifts by its depth.
+pub(crate) fn plain_slices(tallest: f32, view: &View) -> u32 {
+    slice_at(tallest / (PLAIN_HEIGHT_PX * view.pixel_angle() * view.near))
 }
 
 /// `FrameConstants::stretch_share_min`: of the corner that is farthest from the view's axis.
@@ -184,6 +194,24 @@ fn scan_and_scatter(c: &mut Commands, drawing: &Drawing) {
 mod tests {
     use super::*;
     use glam::Vec3;
+
+    #[test]
+    fn quads_without_relief_are_small() {
+        let view = View::perspective(Vec3::ZERO, Vec3::NEG_Z, 0.7, 0.1, [1024, 768]);
+        let (tallest, plain) = (1.9, plain_slices(1.9, &view));
+        // Slices of distances at which the tallest is so high in the picture.
+        let slice =
+            |height_px: f32| slice_at(tallest / (height_px * view.pixel_angle()) / view.near);
+        assert!(slice(17.5) < plain, "smaller ones have none");
+        assert!(slice(18.5) >= plain, "larger ones have it");
+        assert_eq!(plain_slices(1e9, &view), 0, "all have it");
+        let all = crate::gpu_types::SLICE_COUNT;
+        assert_eq!(
+            plain_slices(0.0, &view),
+            all - 1,
+            "but for who touches the eye"
+        );
+    }
 
     #[test]
     fn planes_hold_what_the_camera_sees() {

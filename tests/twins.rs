@@ -8,7 +8,7 @@ use common::{
 use throng::bake::baked::Baked;
 use throng::gpu::Headless;
 use throng::gpu_types::{AgentState, FLAT_BIN, IMPOSTOR_KINDS, Instance, QUAD_BIN, SLICE_COUNT};
-use throng::impostor::all_slices;
+use throng::impostor::draw_of;
 use throng::reference::impostor::place_quad;
 use throng::reference::mesh::{Skinned, mesh};
 use throng::reference::select::{Selection, select};
@@ -254,7 +254,7 @@ fn impostors_are_listed_from_far_to_near() {
             nearest_before = nearest_before.min(near);
         }
         assert!(slices > 80, "{slices} slices have somebody");
-        let all = all_slices(&lists.draws, bin);
+        let all = draw_of(&lists.draws, bin..bin + SLICE_COUNT);
         assert_eq!(all.instance_count as u64, lists.visible, "{method:?}");
     }
     assert_silent(&headless);
@@ -453,7 +453,8 @@ fn impostors_stand_where_their_twin_puts_them() {
             headless.tables(),
             true,
         );
-        let draw = all_slices(&lists.draws, kinds[kind].bin);
+        let bin = kinds[kind].bin;
+        let draw = draw_of(&lists.draws, bin..bin + SLICE_COUNT);
         assert!(draw.instance_count > 50, "{draw:?}");
         for i in (0..draw.instance_count).step_by(7) {
             let gpu = headless

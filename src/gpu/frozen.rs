@@ -202,7 +202,9 @@ impl Headless {
         copied?;
         let (draws, instances) = bytes.split_at(draw_bytes as usize);
         let whole = |bytes: &[u8], size: usize| bytes.len() / size * size;
+        let recorded = slot.recorded.as_ref();
         Ok(Lists {
+            plain_slices: recorded.map_or(0, |r| r.plain_slices),
             draws: bytemuck::pod_collect_to_vec(&draws[..whole(draws, size_of::<DrawCommand>())]),
             instances: bytemuck::pod_collect_to_vec(
                 &instances[..whole(instances, size_of::<Instance>())],

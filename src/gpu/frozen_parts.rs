@@ -1,10 +1,11 @@
 //! What the draws of a frame showed, before it is on the device: which instances' vertices to transform, and the triangles that
 //! are left of them.
 
+use std::ops::Range;
+
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use throng_bake::baked::Baked;
-use throng_bake::impostor::Kind as ImpostorKind;
 
 use super::commands::{Access, Commands};
 use super::context::Context;
@@ -13,9 +14,7 @@ use super::pipeline::{ALPHA_TESTED, DrawState, Input, MeshVariant, Mix, Pipeline
 use super::renderer::Renderer;
 use super::slot::Slot;
 use crate::error::RenderError;
-use crate::gpu_types::{
-    DrawCommand, DrawConstants, FLAT_BIN, Instance, QUAD_BIN, SELECT_GROUP_SIZE,
-};
+use crate::gpu_types::{DrawCommand, DrawConstants, Instance, SELECT_GROUP_SIZE};
 use crate::impostor;
 use crate::reference::mesh::living_ancestor;
 
@@ -26,7 +25,7 @@ const WORKGROUPS_MAX: u32 = 65_535;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Look {
     Mesh(MeshVariant),
-    Impostor(ImpostorKind),
+    Impostor(impostor::Look),
 }
 
 /// Pipelines for `limit` and `floor`.
@@ -35,6 +34,7 @@ pub(super) type Pair = [vk::Pipeline; 2];
 /// The frame's lists, read back.
 pub(super) struct Lists {
     pub draws: Vec<DrawCommand>,
+    pub plain_slices: u32,
     pub instances: Vec<Instance>,
 }
 
@@ -93,12 +93,9 @@ pub(super) fn plans(renderer: &Renderer, lists: &Lists, characters: &[Baked]) ->
     }
     // What blends comes last, for all characters.
     if !characters.is_empty() {
-        for (kind, bin) in [
-            (ImpostorKind::Quad, QUAD_BIN),
-            (ImpostorKind::Flat, FLAT_BIN),
-        ] {
-            let plan = Plan::new(0, Look::Impostor(kind));
-            impostors.extend(plan.of_quads(renderer, lists, bin));
+        for (look, bins) in impostor::draws(lists.plain_slices) {
+            let plan = Plan::new(0, Look::Impostor(look));
+            impostors.extend(plan.of_quads(renderer, lists, bins));
         }
     }
     meshes.append(&mut impostors);
@@ -133,12 +130,15 @@ impl Plan {
     }
 
     /// A list of impostors, in as many plans like this one as the device's buffers ask for.
-    fn of_quads(self, renderer: &Renderer, lists: &Lists, bin: u32) -> Vec<Self> {
-        let vertex_count = renderer.tables.bands[bin as usize].vertex_count;
+    fn of_quads(self, renderer: &Renderer, lists: &Lists, bins: Range<u32>) -> Vec<Self> {
+        let Some(window) = renderer.tables.bands.get(bins.start as usize) else {
+            return Vec::new();
+        };
+        let vertex_count = window.vertex_count;
         let instance_bytes = 16 * self.look.rows() as u64 * vertex_count.max(1) as u64;
         let at_most = renderer.cx.capabilities.storage_range / instance_bytes;
         let at_most = at_most.clamp(1, u32::MAX as u64) as u32;
-        let all = impostor::all_slices(&lists.draws, bin);
+        let all = impostor::draw_of(&lists.draws, bins);
         let firsts = (0..all.instance_count).step_by(at_most as usize);
         let plan = |first: u32| {
             let mut plan = Self::new(self.character, self.look);
@@ -256,6 +256,7 @@ impl Look {
     fn rows(self) -> u32 {
         match self {
             Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
+            Self::Impostor(impostor::Look::Plain) => 5,
             Self::Impostor(_) => 7,
         }
     }
@@ -268,8 +269,9 @@ impl Look {
                 (false, true) => "mesh_double",
                 (true, true) => "mesh_textured_double",
             },
-            Self::Impostor(ImpostorKind::Flat) => "impostor",
-            Self::Impostor(ImpostorKind::Quad) => "impostor_soft",
+            Self::Impostor(impostor::Look::Plain) => "impostor_plain",
+            Self::Impostor(impostor::Look::Soft) => "impostor_soft",
+            Self::Impostor(impostor::Look::Jointed) => "impostor",
         };
         format!("limit_{what}_{stage}")
     }

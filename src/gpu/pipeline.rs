@@ -12,6 +12,7 @@ use super::renderer::RendererDesc;
 use super::shader_stages::{compute, with_stages};
 use crate::error::RenderError;
 use crate::gpu_types::{DrawConstants, Instance};
+use crate::impostor;
 
 /// What a mesh pipeline is specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -58,9 +59,9 @@ pub(crate) struct Pipelines {
     pub mesh_probe: vk::Pipeline,
     pub impostor_probe: vk::Pipeline,
     pub impostor_soft_probe: vk::Pipeline,
-    pub impostor: vk::Pipeline,
-    /// For kinds of one quad, with blended edges.
-    pub impostor_soft: vk::Pipeline,
+    impostor_jointed: vk::Pipeline,
+    impostor_soft: vk::Pipeline,
+    impostor_plain: vk::Pipeline,
     pub ground: vk::Pipeline,
     pub shadow: vk::Pipeline,
     pub sky: vk::Pipeline,
@@ -251,12 +252,20 @@ impl Pipelines {
             depth_write: true,
             mix: Mix::Covers,
         };
-        self.impostor = self.graphics(cx, &impostor)?;
+        self.impostor_jointed = self.graphics(cx, &impostor)?;
         self.impostor_soft = self.graphics(
             cx,
             &DrawState {
                 name: "impostor soft",
                 modules: &["impostor_soft_vs", "impostor_soft_ps"],
+                ..impostor
+            },
+        )?;
+        self.impostor_plain = self.graphics(
+            cx,
+            &DrawState {
+                name: "impostor plain",
+                modules: &["impostor_plain_vs", "impostor_plain_ps"],
                 ..impostor
             },
         )?;
@@ -365,6 +374,14 @@ impl Pipelines {
     /// The pipeline of a variant that `add_mesh` made.
     pub fn mesh(&self, variant: MeshVariant) -> vk::Pipeline {
         self.mesh.get(&variant).copied().unwrap_or_default()
+    }
+
+    pub fn impostor(&self, look: impostor::Look) -> vk::Pipeline {
+        match look {
+            impostor::Look::Plain => self.impostor_plain,
+            impostor::Look::Soft => self.impostor_soft,
+            impostor::Look::Jointed => self.impostor_jointed,
+        }
     }
 
     pub(super) fn graphics(
@@ -493,8 +510,9 @@ impl Pipelines {
                 self.mesh_probe,
                 self.impostor_probe,
                 self.impostor_soft_probe,
-                self.impostor,
+                self.impostor_jointed,
                 self.impostor_soft,
+                self.impostor_plain,
                 self.ground,
                 self.shadow,
                 self.sky,

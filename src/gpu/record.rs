@@ -59,13 +59,14 @@ impl Renderer {
         if let Some(tables) = &self.table_buffers {
             slot.update_sets(&self.cx, tables);
         }
-        let constants = crate::select::frame_constants(
+        let mut constants = crate::select::frame_constants(
             view,
             options,
             slot.agents.len() as u32,
             tables,
             self.pipelines.reversed_depth(),
         );
+        constants.plain_slices = crate::select::plain_slices(slot.tallest, view);
         slot.constants.write(0, &[constants]);
         let made_for = Some((options.method, options.pixel_error, self.table_version));
         if slot.ranges_made_for != made_for {
@@ -128,6 +129,7 @@ impl Renderer {
             upload_ms: slot.upload_ms,
             record_ms: start.elapsed().as_secs_f64() * 1e3,
             bands: tables.bands.clone(),
+            plain_slices: constants.plain_slices,
         });
         Ok(())
     }
@@ -198,7 +200,7 @@ impl Renderer {
         count_vertices(c, slot, 1, &mut |c| {
             if recorded.cpu.is_none() {
                 c.label("impostor", |c| {
-                    crate::impostor::record(c, &drawing, recorded.bands.len())
+                    crate::impostor::record(c, &drawing, &recorded)
                 });
             }
         });

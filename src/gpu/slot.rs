@@ -15,7 +15,7 @@ use super::pipeline::Pipelines;
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_KINDS, Instance, MAX_RANGES,
+    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_DRAWS, Instance, MAX_RANGES,
     RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
 };
 use crate::pool::Pool;
@@ -90,6 +90,8 @@ pub(crate) struct Recorded {
     pub record_ms: f64,
     /// Windows of the lists at the time of recording.
     pub bands: Arc<Pool<BandInfo>>,
+    /// `FrameConstants::plain_slices`.
+    pub plain_slices: u32,
 }
 
 pub(crate) struct Slot {
@@ -609,8 +611,8 @@ impl SlotBuffers {
 pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
-        // Behind them the draw of all lists, and that of each impostor kind.
-        (shape.bins + 1 + IMPOSTOR_KINDS) as u64 * size_of::<DrawCommand>() as u64,
+        // Behind them the draw of all lists, and those of impostors.
+        (shape.bins + 1 + IMPOSTOR_DRAWS) as u64 * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
     ]
     .map(|bytes| bytes.next_multiple_of(16))

@@ -112,7 +112,7 @@ pub fn select(
 }
 
 /// What to add to an impostor kind's first bin for that of a distance, in near distances.
-fn slice_at(distance: f32) -> u32 {
+pub(crate) fn slice_at(distance: f32) -> u32 {
     let step = (distance.max(1.0).to_bits() - 1.0f32.to_bits()) >> SLICE_SHIFT;
     SLICE_COUNT - 1 - step.min(SLICE_COUNT - 1)
 }
