@@ -399,9 +399,11 @@ impl Renderer {
         for (index, agent) in agents.iter().enumerate() {
             let state = agent_state(&self.tables, index, agent)?;
             slot.agent_counts[state.character as usize] += 1;
-            let top = state.scale * self.tables.tops[state.character as usize];
+            let character = state.character as usize;
+            let top = state.scale * self.tables.tops[character];
+            let height = state.scale * self.tables.representations[character].height;
             slot.highest = slot.highest.max(state.position[1] + top);
-            slot.tallest = slot.tallest.max(top);
+            slot.tallest = slot.tallest.max(height);
             slot.agents.push(state);
         }
         let entries: u64 = slot
