@@ -483,6 +483,14 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
 }
 
 groupshared uint scan_sums[SCAN_GROUP_SIZE];
+// Where the instances of each draw of impostors start, and where the last one's end.
+groupshared uint impostor_starts[IMPOSTOR_DRAWS + 1];
+
+// The first bin of a draw of impostors; behind the last draw, that of the meshes.
+uint ImpostorDrawBin(uint draw)
+{
+    return draw == 0u ? QUAD_BIN : draw == 1u ? QUAD_BIN + frame.plain_slices : FLAT_BIN + (draw - 2u) * SLICE_COUNT;
+}
 
 // Sums of what the shards counted, and the dispatch of the scatter pass: a row of workgroups per shard, as long as the
 // longest.
@@ -534,6 +542,10 @@ void CSScan(uint local : SV_GroupIndex)
         sum += count;
     }
     scan_sums[local] = sum;
+    if (local <= IMPOSTOR_DRAWS)
+    {
+        impostor_starts[local] = 0u;
+    }
     GroupMemoryBarrierWithGroupSync();
     for (uint step = 1u; step < SCAN_GROUP_SIZE; step <<= 1)
     {
@@ -546,6 +558,13 @@ void CSScan(uint local : SV_GroupIndex)
     for (uint bin = first; bin < end; bin++)
     {
         uint count = tally[TALLY_BINS + bin];
+        for (uint i = 0u; i <= IMPOSTOR_DRAWS; i++)
+        {
+            if (bin == ImpostorDrawBin(i))
+            {
+                impostor_starts[i] = offset;
+            }
+        }
         DrawCommand draw;
         draw.index_count = bands[bin].index_count;
         draw.instance_count = count;
@@ -579,13 +598,16 @@ void CSScan(uint local : SV_GroupIndex)
         SumShards();
     }
     // And behind that the impostors', many slices in one.
-    DeviceMemoryBarrierWithGroupSync();
+    GroupMemoryBarrierWithGroupSync();
     if (local < IMPOSTOR_DRAWS)
     {
-        uint begin = local == 0u ? QUAD_BIN : local == 1u ? QUAD_BIN + frame.plain_slices : FLAT_BIN;
-        uint end = local == 0u ? QUAD_BIN + frame.plain_slices : (local == 1u ? QUAD_BIN : FLAT_BIN) + SLICE_COUNT;
-        DrawCommand slices = draws[begin];
-        slices.instance_count = draws[end].first_instance - slices.first_instance;
+        BandInfo window = bands[ImpostorDrawBin(local)];
+        DrawCommand slices;
+        slices.index_count = window.index_count;
+        slices.instance_count = impostor_starts[local + 1u] - impostor_starts[local];
+        slices.first_index = window.first_index;
+        slices.vertex_offset = 0;
+        slices.first_instance = impostor_starts[local];
         draws[frame.bin_count + 1u + local] = slices;
     }
 }
