@@ -55,6 +55,8 @@ impl CostModel {
 pub struct Representations {
     /// Height of its bounds ([`bounds_height`]), bind-space units.
     pub height: f32,
+    /// Longest side of its bounds in any clip, bind-space units.
+    pub length: f32,
     /// Collapse error and triangles of mesh levels, finest first, submeshes together.
     levels: Vec<(f32, f32)>,
     /// Its impostor kinds.
@@ -115,8 +117,11 @@ impl Representations {
                     errors: info.errors.clone(),
                 }
             });
+        let lengths = baked.clips.iter();
+        let lengths = lengths.map(|c| (c.box_max - c.box_min).max_element());
         Self {
             height,
+            length: lengths.fold(0.0, f32::max),
             levels,
             kinds: kinds.collect(),
         }
@@ -291,6 +296,7 @@ mod tests {
     fn nobody_vanishes_however_far() {
         let mut who = Representations {
             height: 1.7,
+            length: 1.7,
             levels: vec![(0.0, 5000.0), (0.05, 600.0), (0.2, 8.0), (1.0, 0.0)],
             kinds: vec![kind(Kind::Quad, QUAD_BIN, 1, 4.0)],
         };

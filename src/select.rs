@@ -21,9 +21,9 @@ const HAZE_PER_METRE: f32 = 1.0 / 900.0;
 /// Agents of at least this height in the picture hide others.
 const OCCLUDER_HEIGHT_PX: f32 = 40.0;
 
-/// Quads of agents of this height in the picture, and smaller ones, are drawn without relief. With 24 the plaza has 1.9 percent more
+/// Quads of agents of this length in the picture, and smaller ones, are drawn without relief. With 24 the plaza has 1.9 percent more
 /// FLIP error, with 18 0.6.
-const PLAIN_HEIGHT_PX: f32 = 18.0;
+const PLAIN_LENGTH_PX: f32 = 18.0;
 
 /// The constants that all stages of a frame read; `reversed_depth` as in [`crate::gpu::RendererDesc::reversed_depth`].
 pub fn frame_constants(
@@ -79,9 +79,10 @@ pub fn frame_constants(
     }
 }
 
-/// How many of the farthest slices are so far that a pixel of the quads of agents up to `tallest` metres hardly shifts by its depth.
-pub(crate) fn plain_slices(tallest: f32, view: &View) -> u32 {
-    slice_at(tallest / (PLAIN_HEIGHT_PX * view.pixel_angle() * view.near))
+/// How many of the farthest slices are so far that a pixel of the quads of agents up to `longest` metres, which are as high or as
+/// deep, hardly shifts by its depth.
+pub(crate) fn plain_slices(longest: f32, view: &View) -> u32 {
+    slice_at(longest / (PLAIN_LENGTH_PX * view.pixel_angle() * view.near))
 }
 
 /// `FrameConstants::stretch_share_min`: of the corner that is farthest from the view's axis.
@@ -198,10 +199,10 @@ mod tests {
     #[test]
     fn quads_without_relief_are_small() {
         let view = View::perspective(Vec3::ZERO, Vec3::NEG_Z, 0.7, 0.1, [1024, 768]);
-        let (tallest, plain) = (1.9, plain_slices(1.9, &view));
-        // Slices of distances at which the tallest is so high in the picture.
+        let (longest, plain) = (1.9, plain_slices(1.9, &view));
+        // Slices of distances at which the longest is so long in the picture.
         let slice =
-            |height_px: f32| slice_at(tallest / (height_px * view.pixel_angle()) / view.near);
+            |length_px: f32| slice_at(longest / (length_px * view.pixel_angle()) / view.near);
         assert!(slice(17.5) < plain, "smaller ones have none");
         assert!(slice(18.5) >= plain, "larger ones have it");
         assert_eq!(plain_slices(1e9, &view), 0, "all have it");

@@ -66,7 +66,7 @@ impl Renderer {
             tables,
             self.pipelines.reversed_depth(),
         );
-        constants.plain_slices = crate::select::plain_slices(slot.tallest, view);
+        constants.plain_slices = crate::select::plain_slices(slot.longest, view);
         slot.constants.write(0, &[constants]);
         let made_for = Some((options.method, options.pixel_error, self.table_version));
         if slot.ranges_made_for != made_for {

@@ -394,16 +394,17 @@ impl Renderer {
         slot.agent_counts.clear();
         slot.agent_counts.resize(self.residents.len(), 0);
         slot.agents.clear();
-        (slot.highest, slot.tallest) = (f32::MIN, 0.0);
+        (slot.highest, slot.tallest, slot.longest) = (f32::MIN, 0.0, 0.0);
         slot.agents.reserve(agents.len());
         for (index, agent) in agents.iter().enumerate() {
             let state = agent_state(&self.tables, index, agent)?;
             slot.agent_counts[state.character as usize] += 1;
             let character = state.character as usize;
             let top = state.scale * self.tables.tops[character];
-            let height = state.scale * self.tables.representations[character].height;
+            let representations = &self.tables.representations[character];
             slot.highest = slot.highest.max(state.position[1] + top);
-            slot.tallest = slot.tallest.max(height);
+            slot.tallest = slot.tallest.max(state.scale * representations.height);
+            slot.longest = slot.longest.max(state.scale * representations.length);
             slot.agents.push(state);
         }
         let entries: u64 = slot

@@ -105,9 +105,10 @@ pub(crate) struct Slot {
     /// In the pyramid's place before there is one.
     no_pyramid: Buffer,
     pub agents: Vec<AgentState>,
-    /// Height of whoever reaches highest, and of the tallest, metres.
+    /// Height of whoever reaches highest, and of the tallest, and length of the longest, metres.
     pub highest: f32,
     pub tallest: f32,
+    pub longest: f32,
     /// Agents of each character.
     pub agent_counts: Vec<u32>,
     /// Of the frame, `[character_count][MAX_RANGES]`.
@@ -264,6 +265,7 @@ impl Slot {
             agents: Vec::new(),
             highest: f32::MIN,
             tallest: 0.0,
+            longest: 0.0,
             agent_counts: Vec::new(),
             ranges: Vec::new(),
             ranges_made_for: None,
