@@ -25,8 +25,7 @@
 // The first bins of agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
 #define FLAT_BIN 512
-#define IMPOSTOR_KINDS 2
-// Their draws: one quad in the farthest slices, in the others; a quad for each group of joints.
+// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 #define IMPOSTOR_DRAWS 3
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4

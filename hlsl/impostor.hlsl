@@ -28,12 +28,11 @@ struct Interpolants
     nointerpolation float4 sun_mip : TEXCOORD1; // towards the sun in the picture's axes; mip
     nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
     nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
-#if defined(PLAIN)
-#elif defined(SOFT)
+#if defined(RELIEF)
     float depth : TEXCOORD4; // of the plane before the quad's centre, in its extents
     nointerpolation float4 bounds : TEXCOORD5; // of the picture in the atlas
     nointerpolation float2 shift : TEXCOORD6; // in the atlas by a depth extent before the plane
-#else
+#elif !defined(SOFT)
     float3 depths : TEXCOORD4; // clip-space z and w; plane before the quad's centre, in its extents
     nointerpolation float2 depth_step : TEXCOORD5; // clip-space z and w of a step from the centre to the near end of the depths
     nointerpolation uint pose_fade : TEXCOORD6;
@@ -57,12 +56,11 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
     share = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u ? 1.0 - share : share;
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
-#if defined(PLAIN)
-#elif defined(SOFT)
+#if defined(RELIEF)
     o.depth = placed.depth / placed.depth_extent;
     o.bounds = placed.bounds * gallery.xyxy + gallery.zwzw;
     o.shift = placed.shift * gallery.xy;
-#else
+#elif !defined(SOFT)
     o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
     o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
     o.pose_fade = instance.live_vertex_count;
@@ -113,11 +111,11 @@ float4 Covering(float3 lit, float coverage)
 #ifdef SOFT
 // One quad blends its edges, and its plane is depth enough. What lies before or behind the plane shifts with the direction to
 // the eye: one step along its ray, from the depth at the plane, leaves a third of the error that a view's width causes.
-// Where that is too little to see, PLAIN leaves it out.
+// Where that is too little to see, the variant without RELIEF leaves it out.
 float4 PSMain(Interpolants i) : SV_Target
 {
     float2 uv = i.uv_height.xy;
-#ifndef PLAIN
+#ifdef RELIEF
     float before = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w).w * 2.0 - 1.0 - i.depth;
     uv = clamp(uv + before * i.shift, i.bounds.xy, i.bounds.zw);
 #endif

@@ -1,13 +1,13 @@
 // limit: draws triangles and quads that were transformed before, for the least that their picture can cost. Compiled for each
-// kind of mesh, and with IMPOSTOR for quads, with SOFT for one quad each, with PLAIN for those without relief. With TRANSFORM, CSTransform writes what the stage's
-// vertex shader hands to its pixel shader, once; VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor
+// kind of mesh, and with IMPOSTOR for quads, with SOFT for one quad each, with RELIEF for those of them that have it. With
+// TRANSFORM, CSTransform writes what the stage's vertex shader hands to its pixel shader, once; VSLimit hands it to the same pixel shader in every frame. VSFloor and PSFloor
 // draw the same triangles in one colour.
 // In: instance lists of the select stage; out: transformed[instance][vertex], LIMIT_ROWS each. Threads of CSTransform: one per
 // vertex number along x, groups along y are instances.
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
-#ifdef PLAIN
+#if defined(SOFT) && !defined(RELIEF)
 #define LIMIT_ROWS 5
 #else
 #define LIMIT_ROWS 7
@@ -78,11 +78,10 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     transformed[row + 2u] = i.sun_mip;
     transformed[row + 3u] = i.up_haze;
     transformed[row + 4u] = i.tint_share;
-#if defined(PLAIN)
-#elif defined(SOFT)
+#if defined(RELIEF)
     transformed[row + 5u] = i.bounds;
     transformed[row + 6u] = float4(i.shift, i.depth, 0.0);
-#else
+#elif !defined(SOFT)
     transformed[row + 5u] = float4(i.depths, asfloat(i.pose_fade));
     transformed[row + 6u] = float4(i.depth_step, 0.0, 0.0);
 #endif
@@ -108,12 +107,11 @@ Interpolants VSLimit(TransformedVertex v)
     o.sun_mip = v.row2;
     o.up_haze = v.row3;
     o.tint_share = v.row4;
-#if defined(PLAIN)
-#elif defined(SOFT)
+#if defined(RELIEF)
     o.bounds = asfloat(v.row5);
     o.shift = v.row6.xy;
     o.depth = v.row6.z;
-#else
+#elif !defined(SOFT)
     o.depths = asfloat(v.row5.xyz);
     o.pose_fade = v.row5.w;
     o.depth_step = v.row6.xy;

@@ -28,9 +28,7 @@ pub const SLICE_SHIFT: u32 = 18;
 pub const QUAD_BIN: u32 = 0;
 /// The first bin of those that are a quad for each group of joints.
 pub const FLAT_BIN: u32 = SLICE_COUNT;
-/// Impostor kinds, whose bins are the first.
-pub const IMPOSTOR_KINDS: u32 = 2;
-/// Their draws: one quad in the farthest slices, in the others; a quad for each group of joints.
+/// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 pub const IMPOSTOR_DRAWS: u32 = 3;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;

@@ -47,7 +47,7 @@ pub enum Look {
     /// One for an agent, whose pixels shift by their depth.
     Soft,
     /// One for each group of joints.
-    Jointed,
+    Flat,
 }
 
 impl Look {
@@ -55,7 +55,7 @@ impl Look {
     pub fn kind_bin(self) -> u32 {
         match self {
             Self::Plain | Self::Soft => QUAD_BIN,
-            Self::Jointed => FLAT_BIN,
+            Self::Flat => FLAT_BIN,
         }
     }
 }
@@ -66,7 +66,7 @@ pub fn draws(plain_slices: u32) -> [(Look, Range<u32>); IMPOSTOR_DRAWS as usize]
     [
         (Look::Plain, QUAD_BIN..plain_end),
         (Look::Soft, plain_end..QUAD_BIN + SLICE_COUNT),
-        (Look::Jointed, FLAT_BIN..FLAT_BIN + SLICE_COUNT),
+        (Look::Flat, FLAT_BIN..FLAT_BIN + SLICE_COUNT),
     ]
 }
 

@@ -334,7 +334,6 @@ fn shared_numbers_are_equal() {
         ("SLICE_SHIFT", t::SLICE_SHIFT as f64),
         ("QUAD_BIN", t::QUAD_BIN as f64),
         ("FLAT_BIN", t::FLAT_BIN as f64),
-        ("IMPOSTOR_KINDS", t::IMPOSTOR_KINDS as f64),
         ("IMPOSTOR_DRAWS", t::IMPOSTOR_DRAWS as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),

@@ -7,7 +7,7 @@ use common::{
 };
 use throng::bake::baked::Baked;
 use throng::gpu::Headless;
-use throng::gpu_types::{AgentState, FLAT_BIN, IMPOSTOR_KINDS, Instance, QUAD_BIN, SLICE_COUNT};
+use throng::gpu_types::{AgentState, FLAT_BIN, Instance, QUAD_BIN, SLICE_COUNT};
 use throng::impostor::draw_of;
 use throng::reference::impostor::place_quad;
 use throng::reference::mesh::{Skinned, mesh};
@@ -318,7 +318,7 @@ fn compare_meshes(headless: &mut Headless, baked: &Baked, agents: &[Agent], pixe
     };
     let lists = render(headless, agents, &options);
     let mut influences = std::collections::BTreeSet::new();
-    let mut first_band = (IMPOSTOR_KINDS * SLICE_COUNT) as usize;
+    let mut first_band = (FLAT_BIN + SLICE_COUNT) as usize;
     for (s, submesh) in baked.submeshes.iter().enumerate() {
         for draw in &lists.draws[first_band..first_band + submesh.band_count as usize] {
             // One instance of every band that is drawn.

@@ -271,7 +271,7 @@ impl Look {
             },
             Self::Impostor(impostor::Look::Plain) => "impostor_plain",
             Self::Impostor(impostor::Look::Soft) => "impostor_soft",
-            Self::Impostor(impostor::Look::Jointed) => "impostor",
+            Self::Impostor(impostor::Look::Flat) => "impostor",
         };
         format!("limit_{what}_{stage}")
     }

@@ -59,7 +59,7 @@ pub(crate) struct Pipelines {
     pub mesh_probe: vk::Pipeline,
     pub impostor_probe: vk::Pipeline,
     pub impostor_soft_probe: vk::Pipeline,
-    impostor_jointed: vk::Pipeline,
+    impostor_flat: vk::Pipeline,
     impostor_soft: vk::Pipeline,
     impostor_plain: vk::Pipeline,
     pub ground: vk::Pipeline,
@@ -252,7 +252,7 @@ impl Pipelines {
             depth_write: true,
             mix: Mix::Covers,
         };
-        self.impostor_jointed = self.graphics(cx, &impostor)?;
+        self.impostor_flat = self.graphics(cx, &impostor)?;
         self.impostor_soft = self.graphics(
             cx,
             &DrawState {
@@ -380,7 +380,7 @@ impl Pipelines {
         match look {
             impostor::Look::Plain => self.impostor_plain,
             impostor::Look::Soft => self.impostor_soft,
-            impostor::Look::Jointed => self.impostor_jointed,
+            impostor::Look::Flat => self.impostor_flat,
         }
     }
 
@@ -510,7 +510,7 @@ impl Pipelines {
                 self.mesh_probe,
                 self.impostor_probe,
                 self.impostor_soft_probe,
-                self.impostor_jointed,
+                self.impostor_flat,
                 self.impostor_soft,
                 self.impostor_plain,
                 self.ground,
