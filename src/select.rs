@@ -26,7 +26,7 @@ const OCCLUDER_HEIGHT_PX: f32 = 40.0;
 const PLAIN_LENGTH_PX: f32 = 18.0;
 
 /// The constants that all stages of a frame read; `reversed_depth` as in [`crate::gpu::RendererDesc::reversed_depth`].
-/// Without [`plain_slices`], which only draws depend on.
+/// Without `plain_slices`, which follows from the crowd and which only draws depend on.
 pub fn frame_constants(
     view: &View,
     options: &FrameOptions,
