@@ -8,7 +8,8 @@
 
 [[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
 [[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
-[[vk::binding(5, 2)]] SamplerState atlas_sampler;
+[[vk::binding(5, 2)]] SamplerState color_sampler; // both take texels as coordinates: the pictures have no mips
+[[vk::binding(6, 2)]] SamplerState surface_sampler;
 
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
@@ -24,14 +25,14 @@ static const float RIM_BEHIND = 2.0;
 struct Interpolants
 {
     float4 position : SV_Position;
-    float3 uv_height : TEXCOORD0; // atlas; metres above the agent's ground
-    nointerpolation float4 sun_mip : TEXCOORD1; // towards the sun in the picture's axes; mip
+    float3 uv_height : TEXCOORD0; // texels of the gallery; metres above the agent's ground
+    nointerpolation float3 sun : TEXCOORD1; // towards it in the picture's axes
     nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
     nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
 #if defined(RELIEF)
     float depth : TEXCOORD4; // of the plane before the quad's centre, in its extents
-    nointerpolation float4 bounds : TEXCOORD5; // of the picture in the atlas
-    nointerpolation float2 shift : TEXCOORD6; // in the atlas by a depth extent before the plane
+    nointerpolation float4 bounds : TEXCOORD5; // of the picture in the gallery
+    nointerpolation float2 shift : TEXCOORD6; // in the gallery by a depth extent before the plane
 #elif !defined(SOFT)
     float3 depths : TEXCOORD4; // clip-space z and w; plane before the quad's centre, in its extents
     nointerpolation float2 depth_step : TEXCOORD5; // clip-space z and w of a step from the centre to the near end of the depths
@@ -47,10 +48,10 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    float4 gallery = GalleryFrom(placed.atlas);
-    o.uv_height = float3(placed.uv * gallery.xy + gallery.zw, placed.corner.y - instance.position.y);
+    float3 gallery = GalleryFrom(placed.atlas, placed.mip);
+    o.uv_height = float3(placed.uv * gallery.x + gallery.yz, placed.corner.y - instance.position.y);
     float3 sun = frame.to_sun;
-    o.sun_mip = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), placed.mip);
+    o.sun = float3(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun));
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
     o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
     float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
@@ -58,8 +59,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
 #if defined(RELIEF)
     o.depth = placed.depth / placed.depth_extent;
-    o.bounds = placed.bounds * gallery.xyxy + gallery.zwzw;
-    o.shift = placed.shift * gallery.xy;
+    o.bounds = placed.bounds * gallery.x + gallery.yzyz;
+    o.shift = placed.shift * gallery.x;
 #elif !defined(SOFT)
     o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
     o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
@@ -83,7 +84,7 @@ float3 Lit(Interpolants i, float3 root, float4 surface)
     float2 xy = surface.xy * (255.0 / 127.0) - 128.0 / 127.0;
     float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
     float3 albedo = root * root * TintOf(i.tint_share.xyz, surface.z * 255.0);
-    float3 light = LightOn(dot(normal, i.sun_mip.xyz), dot(normal, i.up_haze.xyz), normal.z, Openness(i.uv_height.z));
+    float3 light = LightOn(dot(normal, i.sun), dot(normal, i.up_haze.xyz), normal.z, Openness(i.uv_height.z));
     return lerp(albedo * light, frame.haze, i.up_haze.w);
 }
 
@@ -116,16 +117,16 @@ float4 PSMain(Interpolants i) : SV_Target
 {
     float2 uv = i.uv_height.xy;
 #ifdef RELIEF
-    float before = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w).w * 2.0 - 1.0 - i.depth;
+    float before = surface_texture.SampleLevel(surface_sampler, uv, 0.0).w * 2.0 - 1.0 - i.depth;
     uv = clamp(uv + before * i.shift, i.bounds.xy, i.bounds.zw);
 #endif
-    float4 color = color_texture.SampleLevel(atlas_sampler, uv, i.sun_mip.w);
+    float4 color = color_texture.SampleLevel(color_sampler, uv, 0.0);
     float coverage = color.a * i.tint_share.w;
     if (coverage < SOFT_EDGE)
     {
         discard;
     }
-    float4 surface = surface_texture.SampleLevel(nearest_sampler, uv, i.sun_mip.w);
+    float4 surface = surface_texture.SampleLevel(surface_sampler, uv, 0.0);
     float3 lit = Lit(i, color.rgb, surface);
     return Covering(lit, coverage);
 }
@@ -134,7 +135,7 @@ float4 PSMain(Interpolants i) : SV_Target
 // what is behind it, by the depth of what it shows, and the rim around it blends from behind the body.
 float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
 {
-    float4 color = color_texture.SampleLevel(atlas_sampler, i.uv_height.xy, i.sun_mip.w);
+    float4 color = color_texture.SampleLevel(color_sampler, i.uv_height.xy, 0.0);
     // A fade draws a share of the pixels, or all but that share.
     uint bits = i.pose_fade;
     float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
@@ -144,7 +145,7 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
         discard;
     }
     bool is_core = color.a >= CORE;
-    float4 surface = surface_texture.SampleLevel(nearest_sampler, i.uv_height.xy, i.sun_mip.w);
+    float4 surface = surface_texture.SampleLevel(surface_sampler, i.uv_height.xy, 0.0);
     float3 lit = Lit(i, color.rgb, surface);
     float2 zw = i.depths.xy + i.depth_step * (surface.w * 2.0 - 1.0 - i.depths.z - (is_core ? 0.0 : RIM_BEHIND));
     depth = saturate(zw.x / max(zw.y, 1e-6));

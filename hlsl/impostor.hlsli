@@ -24,13 +24,13 @@ struct Placed
     float3 right; // axes of the picture, unit length
     float3 up;
     float3 towards; // right x up: towards the eye, but for the width of a cell
-    float2 uv; // texels of its atlas
+    float2 uv; // texels of its atlas, where it lies on its side
     float atlas; // which of the gallery's
     float depth_extent; // metres
     float depth; // of the corner before the quad's centre, metres
     float2 shift; // texels, to where the eye's ray meets what lies a depth extent before the plane
     float4 bounds; // least and greatest texel of the atlas that filters nothing but the picture
-    float mip;
+    float mip; // a whole number
 };
 
 float4 GalleryTexel(uint i)
@@ -38,13 +38,16 @@ float4 GalleryTexel(uint i)
     return gallery_texture.Load(int3(i % GALLERY_ROW_TEXELS, i / GALLERY_ROW_TEXELS, 0));
 }
 
-// Where texels of an atlas are in the gallery's pictures, as a factor and what to add: atlases stand in rows of a grid.
-float4 GalleryFrom(float atlas)
+// Where texels of a mip of an atlas are in the gallery's pictures, as a factor and what to add: atlases stand in rows of a grid,
+// and coarser mips of all of them below it, side by side.
+float3 GalleryFrom(float atlas, float mip)
 {
-    float4 grid = GalleryTexel(0u); // 1 over width and height; width of an atlas's place in it; columns
+    float4 grid = GalleryTexel(0u); // width and height of the first mip; width of an atlas's place in it; columns
     float row = floor((atlas + 0.5) / grid.w);
     float column = atlas - row * grid.w;
-    return float4(grid.xy, grid.z * float2(column, row) * grid.xy);
+    float share = exp2(-mip);
+    float2 origin = mip < 0.5 ? float2(0.0, 0.0) : float2(grid.x - 2.0 * share * grid.x, grid.y);
+    return float3(share, share * grid.z * float2(column, row) + origin);
 }
 
 // A quad of an instance: where the gallery's table has it and its first view's tile, and model space from the quad's space.
@@ -180,16 +183,16 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.right = axes[0];
     o.up = axes[1];
     o.towards = axes[2];
-    o.uv = lerp(uv.xy, uv.zw, side);
+    o.uv = lerp(uv.xy, uv.zw, side.yx);
     o.atlas = place.y;
     o.depth_extent = depth_extent * scale;
     o.depth = depth * scale;
     float3 ray = float3(dot(direction, right), dot(direction, up), dot(direction, towards));
-    o.shift = ray.xy * ((uv.zw - uv.xy) / max(plane.zw - plane.xy, 1e-12) * (depth_extent / max(ray.z - dot(lean.xy, ray.xy), MIN_SLANT)));
-    o.bounds = float4(uv.xw + 0.5, uv.zy - 0.5);
+    o.shift = ray.yx * ((uv.zw - uv.xy) / max(plane.wz - plane.yx, 1e-12) * (depth_extent / max(ray.z - dot(lean.xy, ray.xy), MIN_SLANT)));
+    o.bounds = float4(uv.zy + 0.5, uv.xw - 0.5);
     // Units of the quad's space in a pixel, over those in a texel.
     float pixel = frame.pixel_angle * length(eye) * StretchShare(instance.position);
-    float atlas_texel = (plane.z - plane.x) / max(uv.z - uv.x, 1.0);
-    o.mip = clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, place.z);
+    float atlas_texel = (plane.z - plane.x) / max(uv.w - uv.y, 1.0);
+    o.mip = floor(clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, place.z) + 0.5);
     return o;
 }

@@ -75,7 +75,7 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     transformed[row] = i.position;
 #ifdef IMPOSTOR
     transformed[row + 1u] = float4(i.uv_height, 0.0);
-    transformed[row + 2u] = i.sun_mip;
+    transformed[row + 2u] = float4(i.sun, 0.0);
     transformed[row + 3u] = i.up_haze;
     transformed[row + 4u] = i.tint_share;
 #if defined(RELIEF)
@@ -104,7 +104,7 @@ Interpolants VSLimit(TransformedVertex v)
     o.position = v.position;
 #ifdef IMPOSTOR
     o.uv_height = v.row1.xyz;
-    o.sun_mip = v.row2;
+    o.sun = v.row2.xyz;
     o.up_haze = v.row3;
     o.tint_share = v.row4;
 #if defined(RELIEF)

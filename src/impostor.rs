@@ -71,10 +71,11 @@ pub fn draws(plain_slices: u32) -> [(Look, Range<u32>); IMPOSTOR_DRAWS as usize]
 }
 
 /// The impostors of all characters as the device reads them: a table, cube maps of view cells, and all atlases on a grid of
-/// squares in one picture. What a character had is free for others once it is removed; nobody else's moves. One picture, and not an array, because lavapipe samples arrays of pictures
-/// at twice the cost.
+/// squares in one picture. What a character had is free for others once it is removed; nobody else's moves. The grid's coarser mips
+/// stand below it, side by side: pixels look up the one that their quad's corners chose, and lavapipe samples a picture without
+/// mips, with texels as coordinates, in less time. It is no array of pictures either, which cost more to sample, too.
 ///
-/// The table is a texture. Texel 0 is 1 over the picture's width and height, the side of a square and the number of columns.
+/// The table is a texture. Texel 0 is the grid's width and height, the side of a square and the number of columns.
 /// Behind it, for each character:
 /// - a texel for each pose, at least one: the texels of `quad`'s one and of its first view's tile; the texel of the first quad of
 ///   `flat`, and how many there are,
@@ -91,7 +92,7 @@ pub struct Gallery {
     pub cells: Pool<[u16; 4]>,
     /// Side of a square in texels: the longest of any atlas.
     pub side: u32,
-    /// Mips of the picture: the most of any atlas.
+    /// Mips of the grid: the most of any atlas.
     pub mip_count: u32,
     /// Squares that have atlases, and those between them.
     pub atlas_count: u32,
@@ -149,15 +150,16 @@ impl Gallery {
         Self::rounded_side(side, mip_count)
     }
 
-    /// Columns of the grid for a number of atlases; it has no more rows than columns.
-    pub fn columns(atlas_count: u32) -> u32 {
-        f64::from(atlas_count).sqrt().ceil().max(1.0) as u32
+    /// Columns and rows of the grid for a number of atlases: no more rows than columns.
+    pub fn grid(atlas_count: u32) -> [u32; 2] {
+        let columns = f64::from(atlas_count).sqrt().ceil().max(1.0) as u32;
+        [columns, atlas_count.div_ceil(columns).max(1)]
     }
 
-    /// Columns and rows of the grid.
-    pub fn grid(&self) -> [u32; 2] {
-        let columns = Self::columns(self.atlas_count);
-        [columns, self.atlas_count.div_ceil(columns).max(1)]
+    /// Columns and rows of the picture that has a grid of so many squares and its coarser mips.
+    pub fn picture_size(atlas_count: u32, side: u32) -> [u64; 2] {
+        let [width, height] = Self::grid(atlas_count).map(|n| u64::from(n) * u64::from(side));
+        [width, height / 2 * 3]
     }
 
     /// Texel of the table where a character's block would begin.
@@ -240,8 +242,8 @@ impl Gallery {
             let [u, v] = t.texel.map(f32::from);
             let [width, height] = t.size.map(f32::from);
             texels.push([t.min[0], t.min[1], t.max[0], t.max[1]]);
-            // The bottom edge is the last row's.
-            texels.push([u, v + height, u + width, v]);
+            // Rows run from the left edge on, columns from the top edge down.
+            texels.push([u + width, v, u, v + height]);
             let [x, y, z] = t.lean;
             texels.push([x, y, z, 0.0]);
         }
@@ -329,17 +331,17 @@ pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Tile {
     let first = first.map(|x| x.saturating_sub(1));
     let last = [(last[0] + 1).min(columns), (last[1] + 1).min(rows)];
     let texel = [
-        (tile.max[0] - tile.min[0]) / columns as f32,
-        (tile.max[1] - tile.min[1]) / rows as f32,
+        (tile.max[0] - tile.min[0]) / rows as f32,
+        (tile.max[1] - tile.min[1]) / columns as f32,
     ];
     Tile {
         min: [
-            tile.min[0] + first[0] as f32 * texel[0],
-            tile.max[1] - last[1] as f32 * texel[1],
+            tile.min[0] + first[1] as f32 * texel[0],
+            tile.max[1] - last[0] as f32 * texel[1],
         ],
         max: [
-            tile.min[0] + last[0] as f32 * texel[0],
-            tile.max[1] - first[1] as f32 * texel[1],
+            tile.min[0] + last[1] as f32 * texel[0],
+            tile.max[1] - first[0] as f32 * texel[1],
         ],
         texel: [
             tile.texel[0] + first[0] as u16,

@@ -250,14 +250,14 @@ fn impostors_of_all_characters_share_a_gallery() {
         assert!(count > 2000, "the comparison can fail: {count}");
         let second = shared.add_character(&baked).expect("it uploads");
         let third = shared.add_character(&pale).expect("it uploads");
-        // The fixture's tile fills its atlas without a gutter, so its edges are filtered with what stands beside it.
+        // Where an atlas stands changes what the device rounds.
         for (id, expected) in [
             (second, &expected),
             (first, &pale_alone),
             (third, &pale_alone),
         ] {
             let count = differing(&picture(&mut shared, id), expected, 8);
-            assert!(count <= 150, "{method:?}: {count} pixels");
+            assert!(count <= 5, "{method:?}: {count} pixels");
         }
 
         let all: Vec<_> = [first, second, third].into_iter().flat_map(trio).collect();

@@ -69,21 +69,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// Writes the largest mip of the atlas's two pictures.
+/// Writes the largest mip of the atlas's two pictures, turned so that characters stand upright.
 fn write_atlas(path: &Path, baked: &Baked, source: &str) -> Result<()> {
     let Some(impostors) = &baked.impostors else {
         bail!("--atlas: {source} has no impostors");
     };
     let atlas = &impostors.atlas;
-    let texels = atlas.width as usize * atlas.height as usize;
-    write_rgba(path, &atlas.color[..texels], atlas.width)?;
-    let surface = atlas.color.iter().zip(&atlas.surface).take(texels);
-    let surface: Vec<[u8; 4]> = surface
-        .map(|(c, s)| [s[0], s[1], s[3], if c[3] > 0 { 255 } else { 0 }])
-        .collect();
+    let (width, height) = (atlas.width as usize, atlas.height as usize);
+    let upright = |texel: &dyn Fn(usize) -> [u8; 4]| -> Vec<[u8; 4]> {
+        let places = (0..width).flat_map(|x| (0..height).map(move |y| y * width + x));
+        places.map(texel).collect()
+    };
+    write_rgba(path, &upright(&|i| atlas.color[i]), atlas.height)?;
+    let surface = upright(&|i| {
+        let [x, y, _, depth] = atlas.surface[i];
+        [x, y, depth, if atlas.color[i][3] > 0 { 255 } else { 0 }]
+    });
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push("_surface.png");
-    write_rgba(&path.with_file_name(name), &surface, atlas.width)
+    write_rgba(&path.with_file_name(name), &surface, atlas.height)
 }
 
 /// What a baked character consists of. Errors are in bind-space units, metres for most characters.

@@ -48,8 +48,8 @@ pub const REDUCE: &[Kind] = &[Uniform, Image, Storage];
 pub const DRAW: &[Kind] = &[Uniform, Storage];
 /// Character constants, vertices, collapse, palette, texture array and its sampler.
 pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
-/// The gallery's table, cells, colours and surfaces; the samplers of cells and of colours.
-pub const GALLERY: &[Kind] = &[Image, Image, Image, Image, Sampler, Sampler];
+/// The gallery's table, cells, colours and surfaces; the samplers of cells, of colours and of surfaces.
+pub const GALLERY: &[Kind] = &[Image, Image, Image, Image, Sampler, Sampler, Sampler];
 /// A probe's output, or what `limit` keeps.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.

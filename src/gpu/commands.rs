@@ -181,13 +181,13 @@ impl<'a> Commands<'a> {
         &mut self,
         from: &Image,
         to: &Image,
-        rectangles: impl Iterator<Item = (u32, vk::Offset3D, vk::Offset3D, [u32; 2])>,
+        rectangles: impl Iterator<Item = (vk::Offset3D, vk::Offset3D, [u32; 2])>,
     ) {
         let regions: Vec<_> = rectangles
-            .map(|(mip_level, src_offset, dst_offset, [width, height])| {
+            .map(|(src_offset, dst_offset, [width, height])| {
                 let layers = vk::ImageSubresourceLayers {
                     aspect_mask: vk::ImageAspectFlags::COLOR,
-                    mip_level,
+                    mip_level: 0,
                     base_array_layer: 0,
                     layer_count: 1,
                 };

@@ -27,7 +27,8 @@ pub(crate) struct Gallery {
     /// Of table, cells and indices, until they are copied.
     staging: Option<Staged>,
     side: u32,
-    columns: u32,
+    grid: [u32; 2],
+    mip_count: u32,
     /// Squares that have atlases.
     squares: Vec<u32>,
     pool: vk::DescriptorPool,
@@ -82,7 +83,7 @@ pub(super) fn check(
     let poses = before + u64::from(impostor::pose_texels(impostors));
     let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
     let atlas_count = gallery.atlas_count.max(gallery.next_square() + 1);
-    let columns = impostor::Gallery::columns(atlas_count);
+    let picture = impostor::Gallery::picture_size(atlas_count, gallery.side_with(atlas));
     let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
     for (needed, limit, unit) in [
         (
@@ -96,7 +97,7 @@ pub(super) fn check(
             "texels before the last pose in all impostors' tables",
         ),
         (
-            u64::from(gallery.side_with(atlas)) * u64::from(columns),
+            picture[0].max(picture[1]),
             u64::from(limits.image_size),
             "texels in a row or column of all impostors",
         ),
@@ -131,7 +132,7 @@ pub(super) fn stage_atlas(
             let (width, height, first) = atlas.mip(mip);
             let count = width as usize * height as usize;
             let offset = staging.push(&pixels[first..][..count]);
-            resident::copy(offset, mip, [width, height], 0)
+            resident::copy(offset, 0, [width, height], 0)
         });
         mips.collect()
     };
@@ -142,7 +143,7 @@ pub(super) fn stage_atlas(
                     let (columns, rows, first) = atlas.block_mip(mip);
                     let count = columns as usize * rows as usize;
                     let offset = staging.push(&blocks[first..][..count]);
-                    resident::copy(offset, mip, [4 * columns, 4 * rows], 0)
+                    resident::copy(offset, 0, [4 * columns, 4 * rows], 0)
                 });
                 mips.collect()
             };
@@ -177,7 +178,8 @@ impl Gallery {
             images: Vec::new(),
             staging: None,
             side: tables.side,
-            columns: tables.grid()[0],
+            grid: impostor::Gallery::grid(tables.atlas_count),
+            mip_count: tables.mip_count,
             squares: (0..tables.atlas_count)
                 .filter(|&square| tables.has_atlas(square))
                 .collect(),
@@ -200,12 +202,12 @@ impl Gallery {
     ) -> Result<(), RenderError> {
         let mut staging = Staging::default();
         let mut texels = tables.texels.to_vec();
-        let [width, height] = tables.grid().map(|n| n * tables.side);
+        let [width, height] = self.grid.map(|n| n * tables.side);
         texels[0] = [
-            1.0 / width as f32,
-            1.0 / height as f32,
+            width as f32,
+            height as f32,
             tables.side as f32,
-            self.columns as f32,
+            self.grid[0] as f32,
         ];
         let (table_copies, rows) = staging.push_rows(&texels, GALLERY_ROW_TEXELS);
         // Halves hold whole numbers up to 2,048.
@@ -220,18 +222,20 @@ impl Gallery {
         use vk::Format as F;
         let (halves, sides) = (F::R16G16B16A16_SFLOAT, cells.len() as u32);
         let (plain, cubes) = ((ImageShape::Plain, 1), (ImageShape::CubeArray, sides));
-        let (table, pictures) = ([GALLERY_ROW_TEXELS, rows], [width, height]);
-        let (bytes, mips) = match tables.blocks {
-            true => (F::BC7_UNORM_BLOCK, tables.mip_count),
-            false => (F::R8G8B8A8_UNORM, tables.mip_count),
+        let picture = impostor::Gallery::picture_size(tables.atlas_count, tables.side);
+        let picture = picture.map(|n| n as u32);
+        let (table, pictures) = ([GALLERY_ROW_TEXELS, rows], picture);
+        let bytes = match tables.blocks {
+            true => F::BC7_UNORM_BLOCK,
+            false => F::R8G8B8A8_UNORM,
         };
-        for (name, format, size, mips, (shape, layers)) in [
-            ("impostors' table", F::R32G32B32A32_SFLOAT, table, 1, plain),
-            ("impostors' cells", halves, [CUBE_SIZE; 2], 1, cubes),
-            ("impostors' colours", bytes, pictures, mips, plain),
-            ("impostors' surfaces", bytes, pictures, mips, plain),
+        for (name, format, size, (shape, layers)) in [
+            ("impostors' table", F::R32G32B32A32_SFLOAT, table, plain),
+            ("impostors' cells", halves, [CUBE_SIZE; 2], cubes),
+            ("impostors' colours", bytes, pictures, plain),
+            ("impostors' surfaces", bytes, pictures, plain),
         ] {
-            let mut desc = ImageDesc::sampled(format, size, mips, layers, shape);
+            let mut desc = ImageDesc::sampled(format, size, 1, layers, shape);
             // A larger gallery takes its atlases from this one.
             desc.usage |= vk::ImageUsageFlags::TRANSFER_SRC;
             self.images.push(cx.create_image(name, &desc)?);
@@ -260,29 +264,36 @@ impl Gallery {
         });
         self.pool = descriptor_pool(cx, "impostors' sets", 1, 0)?;
         self.set = allocate_set(cx, "impostors' set", self.pool, pipelines.gallery_set)?;
-        let samplers = [pipelines.nearest_sampler, pipelines.sampler];
+        let samplers = [
+            pipelines.nearest_sampler,
+            pipelines.texel_sampler,
+            pipelines.nearest_texel_sampler,
+        ];
         write_images(cx, self.set, bindings::GALLERY, &self.images, &samplers);
         Ok(())
     }
 
-    /// First texel of a square in a mip.
+    /// First texel of a square in a mip: the grid's coarser mips stand below it, side by side.
     fn origin(&self, square: u32, mip: u32) -> vk::Offset3D {
-        let [x, y] =
-            [square % self.columns, square / self.columns].map(|i| ((i * self.side) >> mip) as i32);
-        vk::Offset3D { x, y, z: 0 }
+        let [columns, rows] = self.grid;
+        let width = columns * self.side;
+        let [x, y] = match mip {
+            0 => [0, 0],
+            _ => [width - (width >> (mip - 1)), rows * self.side],
+        };
+        let in_grid = |i: u32| (i * self.side) >> mip;
+        vk::Offset3D {
+            x: (x + in_grid(square % columns)) as i32,
+            y: (y + in_grid(square / columns)) as i32,
+            z: 0,
+        }
     }
 
     /// Copies of the square that shows nothing to all squares of a mip.
-    fn empty(
-        &self,
-        offset: u64,
-        mip: u32,
-        image: &Image,
-    ) -> impl Iterator<Item = vk::BufferImageCopy> {
-        let count = self.columns * (image.extent.height / self.side);
-        (0..count).map(move |square| vk::BufferImageCopy {
+    fn empty(&self, offset: u64, mip: u32) -> impl Iterator<Item = vk::BufferImageCopy> {
+        (0..self.grid[0] * self.grid[1]).map(move |square| vk::BufferImageCopy {
             image_offset: self.origin(square, mip),
-            ..resident::copy(offset, mip, [self.side >> mip; 2], 0)
+            ..resident::copy(offset, 0, [self.side >> mip; 2], 0)
         })
     }
 
@@ -305,7 +316,7 @@ impl Gallery {
             // What no atlas covers is filtered into the edges of those beside it.
             match staged.empty {
                 Some(offset) => {
-                    let squares = (0..image.mips).flat_map(|mip| self.empty(offset, mip, image));
+                    let squares = (0..self.mip_count).flat_map(|mip| self.empty(offset, mip));
                     c.copy_to_image(&staged.buffer, image, &squares.collect::<Vec<_>>());
                 }
                 None => c.clear_image(image),
@@ -332,11 +343,14 @@ impl Gallery {
                 let source = (L::TRANSFER_SRC_OPTIMAL, S::ALL_TRANSFER, A::TRANSFER_READ);
                 c.image_barrier(from, READABLE, source, color);
                 // Smaller where what asked for the size is gone: all that stay fit.
-                let (mips, side) = (from.mips.min(image.mips), before.side.min(self.side));
+                let (mips, side) = (
+                    before.mip_count.min(self.mip_count),
+                    before.side.min(self.side),
+                );
                 let copies = kept.into_iter().flat_map(|square| {
                     (0..mips).map(move |mip| {
                         let (from, to) = (before.origin(square, mip), self.origin(square, mip));
-                        (mip, from, to, [(side >> mip).max(1); 2])
+                        (from, to, [(side >> mip).max(1); 2])
                     })
                 });
                 c.copy_image(from, image, copies);

@@ -67,6 +67,9 @@ pub(crate) struct Pipelines {
     pub sky: vk::Pipeline,
     pub sampler: vk::Sampler,
     pub nearest_sampler: vk::Sampler,
+    /// Coordinates are texels of a picture without mips.
+    pub texel_sampler: vk::Sampler,
+    pub nearest_texel_sampler: vk::Sampler,
     mesh: HashMap<MeshVariant, vk::Pipeline>,
     formats: Formats,
 }
@@ -308,8 +311,30 @@ impl Pipelines {
                 mix: Mix::Replaces,
             },
         )?;
-        self.sampler = sampler(cx, "linear sampler", vk::Filter::LINEAR)?;
-        self.nearest_sampler = sampler(cx, "nearest sampler", vk::Filter::NEAREST)?;
+        use vk::Filter as F;
+        for (to, name, filter, in_texels) in [
+            (&mut self.sampler, "linear sampler", F::LINEAR, false),
+            (
+                &mut self.nearest_sampler,
+                "nearest sampler",
+                F::NEAREST,
+                false,
+            ),
+            (
+                &mut self.texel_sampler,
+                "linear sampler of texels",
+                F::LINEAR,
+                true,
+            ),
+            (
+                &mut self.nearest_texel_sampler,
+                "nearest sampler of texels",
+                F::NEAREST,
+                true,
+            ),
+        ] {
+            *to = sampler(cx, name, filter, in_texels)?;
+        }
         Ok(())
     }
 
@@ -521,6 +546,8 @@ impl Pipelines {
             }
             d.destroy_sampler(self.sampler, None);
             d.destroy_sampler(self.nearest_sampler, None);
+            d.destroy_sampler(self.texel_sampler, None);
+            d.destroy_sampler(self.nearest_texel_sampler, None);
             for layout in [
                 self.select_layout,
                 self.reduce_layout,
@@ -568,13 +595,25 @@ fn instance_attributes() -> [vk::VertexInputAttributeDescription; 4] {
     .unwrap_or_default()
 }
 
-/// A sampler that takes the nearest mip.
-fn sampler(cx: &Context, name: &str, filter: vk::Filter) -> Result<vk::Sampler, RenderError> {
+/// A sampler that takes the nearest mip of a picture that repeats, or one whose coordinates are texels of a picture without mips.
+fn sampler(
+    cx: &Context,
+    name: &str,
+    filter: vk::Filter,
+    in_texels: bool,
+) -> Result<vk::Sampler, RenderError> {
     let info = vk::SamplerCreateInfo::default()
         .mag_filter(filter)
         .min_filter(filter)
-        .mipmap_mode(vk::SamplerMipmapMode::NEAREST)
-        .max_lod(vk::LOD_CLAMP_NONE);
+        .mipmap_mode(vk::SamplerMipmapMode::NEAREST);
+    let edge = vk::SamplerAddressMode::CLAMP_TO_EDGE;
+    let info = match in_texels {
+        true => info
+            .unnormalized_coordinates(true)
+            .address_mode_u(edge)
+            .address_mode_v(edge),
+        false => info.max_lod(vk::LOD_CLAMP_NONE),
+    };
     // SAFETY: the context's device is alive.
     let sampler = unsafe { cx.device.create_sampler(&info, None) }
         .map_err(RenderError::vulkan(cx.full_name(name), "vkCreateSampler"))?;

@@ -115,7 +115,9 @@ pub fn baked_mascot() -> Baked {
 
 /// The mascot with impostors that nobody captured: every tile is a rectangle of its own, filled with one colour.
 pub fn baked_mascot_with_impostors() -> Baked {
-    const TILE: u16 = 8;
+    // With a rim that is one empty texel in the coarsest mip.
+    const TILE: u16 = 16;
+    const RIM: u32 = 4;
     const COLUMNS: u32 = 32;
     let view_sets = vec![ViewSet::icosahedral(1, -1.0), ViewSet::icosahedral(2, -0.3)];
     let views: Vec<u32> = view_sets
@@ -137,8 +139,8 @@ pub fn baked_mascot_with_impostors() -> Baked {
     let tiles = (0..tile_count).map(|i| {
         let y = 0.3 + 0.001 * i as f32;
         Tile {
-            min: [-0.3, -y],
-            max: [0.25, y + 0.01],
+            min: [-0.6, -2.0 * y],
+            max: [0.5, 2.0 * y + 0.02],
             texel: [(i % COLUMNS) as u16 * TILE, (i / COLUMNS) as u16 * TILE],
             size: [TILE, TILE],
             lean: [0.1, -0.2, 0.05],
@@ -155,8 +157,18 @@ pub fn baked_mascot_with_impostors() -> Baked {
             })
             .to_vec(),
     };
-    let texels = (width * height) as usize;
-    let mips = texels + texels / 4 + texels / 16;
+    let color = (0..3).flat_map(|mip| {
+        let is_rim = move |at: u32| {
+            let (at, tile, rim) = (at % (TILE as u32 >> mip), TILE as u32 >> mip, RIM >> mip);
+            at < rim || at >= tile - rim
+        };
+        let places = (0..height >> mip).flat_map(move |y| (0..width >> mip).map(move |x| (x, y)));
+        places.map(move |(x, y)| match is_rim(x) || is_rim(y) {
+            true => [200, 120, 40, 0],
+            false => [200, 120, 40, 255],
+        })
+    });
+    let color: Vec<_> = color.collect();
     let impostors = Impostors {
         kinds: vec![kind(Kind::Flat, 0, 2), kind(Kind::Quad, 2, 1)],
         quads: vec![
@@ -175,8 +187,8 @@ pub fn baked_mascot_with_impostors() -> Baked {
             width,
             height,
             mip_count: 3,
-            color: vec![[200, 120, 40, 255]; mips],
-            surface: vec![[128, 128, 0, 128]; mips],
+            surface: vec![[128, 128, 0, 128]; color.len()],
+            color,
             blocks: None,
         },
         view_sets,

@@ -127,7 +127,8 @@ pub struct PoseRange {
     pub pose_count: u32,
 }
 
-/// A picture: a rectangle of the atlas and of the plane through its quad's centre. An empty picture has no texels.
+/// A picture: a rectangle of the plane through its quad's centre and one of the atlas, where it lies on its side. An empty picture
+/// has no texels.
 #[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Tile {
@@ -135,9 +136,9 @@ pub struct Tile {
     pub min: [f32; 2],
     /// Right and top edge.
     pub max: [f32; 2],
-    /// First column and row in the atlas; rows run from the top edge down.
+    /// First column and row in the atlas. Columns run from the top edge down, rows from the left edge to the right.
     pub texel: [u16; 2],
-    /// Columns and rows; multiples of 2 to the power of (mips - 1), as are the first column and row.
+    /// Columns and rows of the atlas; multiples of 2 to the power of (mips - 1), as are the first column and row.
     pub size: [u16; 2],
     /// The plane that it is drawn on, which fits its surface: depth towards the eye per unit along right and along up, and
     /// at the centre. The slope is at most [`MAX_LEAN`].

@@ -123,7 +123,7 @@ pub fn impostor(
         let extent = Vec2::from(tile.max) - Vec2::from(tile.min);
         // Shares of the tile by depth before its plane.
         let shift = ray / slant / Vec2::new(extent.x, -extent.y);
-        let half_texel = Vec2::new(0.5 / f32::from(tile.size[0]), 0.5 / f32::from(tile.size[1]));
+        let half_texel = Vec2::new(0.5 / f32::from(tile.size[1]), 0.5 / f32::from(tile.size[0]));
         let corners = [
             origin,
             origin + across,
@@ -138,7 +138,7 @@ pub fn impostor(
             .max(Vec2::ZERO);
         let high = corners.into_iter().reduce(Vec2::max).unwrap().ceil();
         let high = high.min(Vec2::splat(camera.size as f32));
-        let texels_per_pixel = f32::from(tile.size[0]) / extent.x / camera.scale;
+        let texels_per_pixel = f32::from(tile.size[1]) / extent.x / camera.scale;
         let mip = (texels_per_pixel.max(1.0).log2() + MIP_BIAS)
             .round()
             .clamp(0.0, (i.atlas.mip_count - 1) as f32) as u32;
@@ -205,15 +205,15 @@ fn trimmed(i: &Impostors, tile: &Tile) -> Tile {
         first.map(|x| x.saturating_sub(1)),
         [(last[0] + 1).min(columns), (last[1] + 1).min(rows)],
     );
-    let side = (tile.max[0] - tile.min[0]) / columns as f32;
+    let side = (tile.max[0] - tile.min[0]) / rows as f32;
     Tile {
         min: [
-            tile.min[0] + first[0] as f32 * side,
-            tile.max[1] - last[1] as f32 * side,
+            tile.min[0] + first[1] as f32 * side,
+            tile.max[1] - last[0] as f32 * side,
         ],
         max: [
-            tile.min[0] + last[0] as f32 * side,
-            tile.max[1] - first[1] as f32 * side,
+            tile.min[0] + last[1] as f32 * side,
+            tile.max[1] - first[0] as f32 * side,
         ],
         texel: [
             tile.texel[0] + first[0] as u16,
@@ -230,7 +230,8 @@ fn fetch(i: &Impostors, tile: &Tile, mip: u32, at: Vec2, nearest: bool) -> ([f32
     let scale = 1.0 / (1 << mip) as f32;
     let corner = Vec2::new(tile.texel[0].into(), tile.texel[1].into()) * scale;
     let size = Vec2::new(tile.size[0].into(), tile.size[1].into()) * scale;
-    let place = corner + at * size - 0.5;
+    // It lies on its side.
+    let place = corner + Vec2::new(at.y, at.x) * size - 0.5;
     let place = if nearest { place.round() } else { place };
     let low = place.floor();
     let part = place - low;
