@@ -29,7 +29,7 @@ struct Placed
     float depth_extent; // metres
     float depth; // of the corner before the quad's centre, metres
     float2 shift; // texels, to where the eye's ray meets what lies a depth extent before the plane
-    float4 bounds; // least and greatest texel of the atlas that filters nothing but the picture
+    float4 bounds; // least and greatest texels of the atlas where a pixel may shift to
     float mip; // a whole number
 };
 
@@ -189,7 +189,7 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     o.depth = depth * scale;
     float3 ray = float3(dot(direction, right), dot(direction, up), dot(direction, towards));
     o.shift = ray.yx * ((uv.zw - uv.xy) / max(plane.wz - plane.yx, 1e-12) * (depth_extent / max(ray.z - dot(lean.xy, ray.xy), MIN_SLANT)));
-    o.bounds = float4(uv.zy + 0.5, uv.xw - 0.5);
+    o.bounds = float4(uv.zy, uv.xw);
     // Units of the quad's space in a pixel, over those in a texel.
     float pixel = frame.pixel_angle * length(eye) * StretchShare(instance.position);
     float atlas_texel = (plane.z - plane.x) / max(uv.w - uv.y, 1.0);

@@ -239,8 +239,7 @@ impl Gallery {
             }
         }
         for t in &trimmed_tiles(impostors) {
-            let [u, v] = t.texel.map(f32::from);
-            let [width, height] = t.size.map(f32::from);
+            let ([u, v], [width, height]) = (t.texel, t.size);
             texels.push([t.min[0], t.min[1], t.max[0], t.max[1]]);
             // Rows run from the left edge on, columns from the top edge down.
             texels.push([u + width, v, u, v + height]);
@@ -301,9 +300,24 @@ pub fn pose_texels(impostors: &Impostors) -> u32 {
     poses.sum::<u32>().max(1)
 }
 
-/// The tiles without the texels around their pictures that show nothing, but for one on each side, where edges are filtered:
-/// pixels that show nothing cost as much as others.
-pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
+/// What is drawn of a tile: without the texels around its picture that show nothing, but for half of one on each side. A pixel
+/// there is filtered from the last texel that shows something; further out none can be. Pixels that show nothing cost as much as others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shown {
+    /// As [`Tile::min`].
+    pub min: [f32; 2],
+    /// As [`Tile::max`].
+    pub max: [f32; 2],
+    /// As [`Tile::texel`].
+    pub texel: [f32; 2],
+    /// As [`Tile::size`].
+    pub size: [f32; 2],
+    /// As [`Tile::lean`].
+    pub lean: [f32; 3],
+}
+
+/// What is drawn of all tiles.
+pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Shown> {
     let tiles = impostors.tiles.iter();
     tiles.map(|tile| trimmed(&impostors.atlas, tile)).collect()
 }
@@ -312,7 +326,7 @@ pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Tile> {
 const SOFT_EDGE: u8 = 51;
 
 /// [`trimmed_tiles`] of one tile.
-pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Tile {
+pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Shown {
     let [columns, rows] = tile.size.map(u32::from);
     let (mut first, mut last) = ([columns, rows], [0, 0]);
     for y in 0..rows {
@@ -325,29 +339,30 @@ pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Tile {
             }
         }
     }
-    if first[0] >= last[0] {
-        return *tile;
-    }
-    let first = first.map(|x| x.saturating_sub(1));
-    let last = [(last[0] + 1).min(columns), (last[1] + 1).min(rows)];
+    let whole = [columns as f32, rows as f32];
+    let is_empty = first[0] >= last[0];
+    let (first, last) = match is_empty {
+        true => ([0.0; 2], whole),
+        false => (
+            first.map(|x| (x as f32 - 0.5).max(0.0)),
+            [0, 1].map(|k| (last[k] as f32 + 0.5).min(whole[k])),
+        ),
+    };
     let texel = [
-        (tile.max[0] - tile.min[0]) / rows as f32,
-        (tile.max[1] - tile.min[1]) / columns as f32,
+        (tile.max[0] - tile.min[0]) / whole[1].max(1.0),
+        (tile.max[1] - tile.min[1]) / whole[0].max(1.0),
     ];
-    Tile {
+    Shown {
         min: [
-            tile.min[0] + first[1] as f32 * texel[0],
-            tile.max[1] - last[0] as f32 * texel[1],
+            tile.min[0] + first[1] * texel[0],
+            tile.max[1] - last[0] * texel[1],
         ],
         max: [
-            tile.min[0] + last[1] as f32 * texel[0],
-            tile.max[1] - first[0] as f32 * texel[1],
+            tile.min[0] + last[1] * texel[0],
+            tile.max[1] - first[0] * texel[1],
         ],
-        texel: [
-            tile.texel[0] + first[0] as u16,
-            tile.texel[1] + first[1] as u16,
-        ],
-        size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
+        texel: [0, 1].map(|k| f32::from(tile.texel[k]) + first[k]),
+        size: [0, 1].map(|k| last[k] - first[k]),
         lean: tile.lean,
     }
 }

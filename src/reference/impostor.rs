@@ -2,10 +2,11 @@
 
 use glam::{Vec2, Vec2Swizzles, Vec3, Vec4};
 use throng_bake::baked::Baked;
-use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Tile, ViewSet};
+use throng_bake::impostor::{Impostors, Kind, NO_JOINT, ViewSet};
 
 use super::select::stretch_share;
 use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
+use crate::impostor::Shown;
 
 /// Least cosine between the eye's ray and a picture's plane that pixels are shifted for.
 const MIN_SLANT: f32 = 0.4;
@@ -34,7 +35,7 @@ pub struct Placed {
 pub fn place_quad(
     baked: &Baked,
     impostors: &Impostors,
-    tiles: &[Tile],
+    tiles: &[Shown],
     frame: &FrameConstants,
     instance: &Instance,
     quad: usize,
@@ -74,7 +75,7 @@ pub fn place_quad(
     let turn = |m: Vec3| Vec3::new(cos * m.x + sin * m.z, scale * m.y, cos * m.z - sin * m.x);
     let stretch = stretch_share(frame, instance.position.into());
     let pixel = frame.pixel_angle * eye.length() * stretch;
-    let texel = (tile.max[0] - tile.min[0]) / tile.size[1].max(1) as f32;
+    let texel = (tile.max[0] - tile.min[0]) / tile.size[1].max(1.0);
     let ray = Vec3::new(
         direction.dot(right),
         direction.dot(up),
@@ -82,7 +83,7 @@ pub fn place_quad(
     );
     let slant = ray.z - tile.lean[0] * ray.x - tile.lean[1] * ray.y;
     let extent = Vec2::from(tile.max) - Vec2::from(tile.min);
-    let size = Vec2::new(-f32::from(tile.size[0]), f32::from(tile.size[1]));
+    let size = Vec2::new(-tile.size[0], tile.size[1]);
     let shift = Vec2::new(ray.y, ray.x) * size / extent.yx().max(Vec2::splat(1e-12))
         * (q.depth_extent / slant.max(MIN_SLANT));
     let mip = (pixel / texel.max(1e-12)).max(1.0).log2() + IMPOSTOR_MIP_BIAS;
@@ -92,8 +93,8 @@ pub fn place_quad(
         let depth = tile.lean[0] * at.x + tile.lean[1] * at.y + tile.lean[2];
         let p = (q.center + right * at.x + up * at.y + towards * depth).extend(1.0);
         let texel = Vec2::new(
-            tile.texel[0] as f32 + (1.0 - y) * tile.size[0] as f32,
-            tile.texel[1] as f32 + x * tile.size[1] as f32,
+            tile.texel[0] + (1.0 - y) * tile.size[0],
+            tile.texel[1] + x * tile.size[1],
         );
         Placed {
             corner: Vec3::from(instance.position) + turn(Vec3::from(rows.map(|r| r.dot(p)))),

@@ -7,6 +7,15 @@ use throng_bake::impostor::{Impostors, Kind, NO_JOINT, Tile};
 
 use crate::capture::capture;
 
+/// What the renderer draws of a tile.
+struct Shown {
+    min: [f32; 2],
+    max: [f32; 2],
+    texel: Vec2,
+    size: Vec2,
+    lean: [f32; 3],
+}
+
 /// A small orthographic view of a whole character.
 #[derive(Clone, Copy)]
 pub struct Camera {
@@ -123,7 +132,6 @@ pub fn impostor(
         let extent = Vec2::from(tile.max) - Vec2::from(tile.min);
         // Shares of the tile by depth before its plane.
         let shift = ray / slant / Vec2::new(extent.x, -extent.y);
-        let half_texel = Vec2::new(0.5 / f32::from(tile.size[1]), 0.5 / f32::from(tile.size[0]));
         let corners = [
             origin,
             origin + across,
@@ -138,7 +146,7 @@ pub fn impostor(
             .max(Vec2::ZERO);
         let high = corners.into_iter().reduce(Vec2::max).unwrap().ceil();
         let high = high.min(Vec2::splat(camera.size as f32));
-        let texels_per_pixel = f32::from(tile.size[1]) / extent.x / camera.scale;
+        let texels_per_pixel = tile.size.y / extent.x / camera.scale;
         let mip = (texels_per_pixel.max(1.0).log2() + MIP_BIAS)
             .round()
             .clamp(0.0, (i.atlas.mip_count - 1) as f32) as u32;
@@ -153,7 +161,7 @@ pub fn impostor(
                 if is_soft {
                     let surface = fetch(i, &tile, mip, at, true).1;
                     let before = depth_of(surface) - (a * plane.x + b * plane.y + c);
-                    at = (at + before * shift).clamp(half_texel, 1.0 - half_texel);
+                    at = (at + before * shift).clamp(Vec2::ZERO, Vec2::ONE);
                 }
                 let (color, surface) = fetch(i, &tile, mip, at, false);
                 let coverage = color[3] / 255.0;
@@ -187,8 +195,8 @@ pub fn impostor(
     out
 }
 
-/// The tile without the texels around it that show nothing, but for one on each side, as the renderer draws it.
-fn trimmed(i: &Impostors, tile: &Tile) -> Tile {
+/// The tile without the texels around it that show nothing, but for half of one on each side, as the renderer draws it.
+fn trimmed(i: &Impostors, tile: &Tile) -> Shown {
     let [columns, rows] = tile.size.map(u32::from);
     let (mut first, mut last) = ([columns, rows], [0, 0]);
     for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
@@ -199,37 +207,28 @@ fn trimmed(i: &Impostors, tile: &Tile) -> Tile {
         }
     }
     if first[0] >= last[0] {
-        return *tile;
+        (first, last) = ([0, 0], [columns, rows]);
     }
-    let (first, last) = (
-        first.map(|x| x.saturating_sub(1)),
-        [(last[0] + 1).min(columns), (last[1] + 1).min(rows)],
-    );
+    let first = first.map(|x| (x as f32 - 0.5).max(0.0));
+    let last = [
+        (last[0] as f32 + 0.5).min(columns as f32),
+        (last[1] as f32 + 0.5).min(rows as f32),
+    ];
     let side = (tile.max[0] - tile.min[0]) / rows as f32;
-    Tile {
-        min: [
-            tile.min[0] + first[1] as f32 * side,
-            tile.max[1] - last[0] as f32 * side,
-        ],
-        max: [
-            tile.min[0] + last[1] as f32 * side,
-            tile.max[1] - first[0] as f32 * side,
-        ],
-        texel: [
-            tile.texel[0] + first[0] as u16,
-            tile.texel[1] + first[1] as u16,
-        ],
-        size: [(last[0] - first[0]) as u16, (last[1] - first[1]) as u16],
+    Shown {
+        min: [tile.min[0] + first[1] * side, tile.max[1] - last[0] * side],
+        max: [tile.min[0] + last[1] * side, tile.max[1] - first[0] * side],
+        texel: Vec2::new(tile.texel[0].into(), tile.texel[1].into()) + Vec2::from(first),
+        size: Vec2::from(last) - Vec2::from(first),
         lean: tile.lean,
     }
 }
 
 /// Colour and surface within one mip, bilinear, or of the nearest texel.
-fn fetch(i: &Impostors, tile: &Tile, mip: u32, at: Vec2, nearest: bool) -> ([f32; 4], [f32; 4]) {
+fn fetch(i: &Impostors, tile: &Shown, mip: u32, at: Vec2, nearest: bool) -> ([f32; 4], [f32; 4]) {
     let (width, height, first) = i.atlas.mip(mip);
     let scale = 1.0 / (1 << mip) as f32;
-    let corner = Vec2::new(tile.texel[0].into(), tile.texel[1].into()) * scale;
-    let size = Vec2::new(tile.size[0].into(), tile.size[1].into()) * scale;
+    let (corner, size) = (tile.texel * scale, tile.size * scale);
     // It lies on its side.
     let place = corner + Vec2::new(at.y, at.x) * size - 0.5;
     let place = if nearest { place.round() } else { place };
