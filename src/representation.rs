@@ -32,11 +32,11 @@ pub struct CostModel {
 impl CostModel {
     /// Mesa's lavapipe on two cores, as `throng bench height` fits it.
     pub const CPU: Self = Self {
-        mesh: 745.0,
-        triangle: 90.6,
-        impostor: 1180.0,
-        quad: 223.0,
-        quad_pixel: 21.7,
+        mesh: 506.0,
+        triangle: 93.8,
+        impostor: 99.0,
+        quad: 496.0,
+        quad_pixel: 19.9,
         pixel_block: 4.0,
     };
     /// A GPU: an estimate, not measured, that takes vertices and pixels for cheap alike.
