@@ -301,7 +301,8 @@ pub fn pose_texels(impostors: &Impostors) -> u32 {
 }
 
 /// What is drawn of a tile: without the texels around its picture that show nothing, but for half of one on each side. A pixel
-/// there is filtered from the last texel that shows something; further out none can be. Pixels that show nothing cost as much as others.
+/// there is filtered from the last texel that shows something; in the first mip none further out is. Pixels that show nothing cost as much
+/// as others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// As [`Tile::min`].
