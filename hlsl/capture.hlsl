@@ -1,6 +1,6 @@
 // capture: orthographic pictures of one character for its impostors, many to a page; an instance is a picture. Twin:
 // src/reference/capture.rs
-// In: a character's textures, whose palette here holds the poses to take, and indices already moved to the level of detail;
+// In: a character's arrays, whose palette here holds the poses to take, and indices already moved to the level of detail;
 // out: colour and weight, normal, body part and depth. Skinning is the mesh stage's own.
 // Pictures of a group show both faces of it, and what follows it before what hardly does: the side of a skirt that a leg
 // moves is half a tube, and the other side is between it and the eye.

@@ -10,10 +10,6 @@
 #define SELECT_SHARDS 8
 // Threads of the one workgroup that scans the lists.
 #define SCAN_GROUP_SIZE 256
-// Palette entries in a row of the palette texture: 3 texels each.
-#define PALETTE_ROW_ENTRIES 1024
-// Vertices in a row of the vertex texture: 2 texels each; of the collapse texture: 1 texel each.
-#define VERTEX_ROW_VERTICES 2048
 // Parts of an impostor's Instance::live_vertex_count.
 #define IMPOSTOR_POSE_MASK 0x7fffffu
 #define IMPOSTOR_FADE_SHIFT 23
@@ -35,8 +31,6 @@
 #define FREE_STRETCH 1.5
 // Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
 #define SWITCH_HEIGHT_PX 12.0
-// Texels in a row of the gallery's table.
-#define GALLERY_ROW_TEXELS 1024
 // Added to an impostor's mip before rounding: below 0 is sharper.
 #define IMPOSTOR_MIP_BIAS -0.75
 // Mean of the tints of what stays nearly as it was made, and of cloth for a colour of lightness 0.75.

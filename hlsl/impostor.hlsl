@@ -48,8 +48,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    float3 gallery = GalleryFrom(placed.atlas, placed.mip);
-    o.uv_height = float3(placed.uv * gallery.x + gallery.yz, placed.corner.y - instance.position.y);
+    float3 in_gallery = GalleryFrom(placed.atlas, placed.mip);
+    o.uv_height = float3(placed.uv * in_gallery.x + in_gallery.yz, placed.corner.y - instance.position.y);
     float3 sun = frame.to_sun;
     o.sun = float3(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun));
     float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
@@ -59,8 +59,8 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
 #if defined(RELIEF)
     o.depth = placed.depth / placed.depth_extent;
-    o.bounds = placed.bounds * gallery.x + gallery.yzyz;
-    o.shift = placed.shift * gallery.x;
+    o.bounds = placed.bounds * in_gallery.x + in_gallery.yzyz;
+    o.shift = placed.shift * in_gallery.x;
 #elif !defined(SOFT)
     o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
     o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;

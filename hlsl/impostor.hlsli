@@ -3,9 +3,10 @@
 
 #include "gpu_types.hlsli"
 #include "palette.hlsli"
+#include "records.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
-[[vk::binding(0, 2)]] Texture2D<float4> gallery_texture; // src/impostor.rs says what is where
+[[vk::binding(0, 2)]] RECORDS(float4) gallery; // src/impostor.rs says what is where
 [[vk::binding(1, 2)]] TextureCubeArray<float4> cells_texture; // three views; by view set
 [[vk::binding(4, 2)]] SamplerState nearest_sampler;
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
@@ -33,16 +34,11 @@ struct Placed
     float mip; // a whole number
 };
 
-float4 GalleryTexel(uint i)
-{
-    return gallery_texture.Load(int3(i % GALLERY_ROW_TEXELS, i / GALLERY_ROW_TEXELS, 0));
-}
-
 // Where texels of a mip of an atlas are in the gallery's pictures, as a factor and what to add: atlases stand in rows of a grid,
 // and coarser mips of all of them below it, side by side.
 float3 GalleryFrom(float atlas, float mip)
 {
-    float4 grid = GalleryTexel(0u); // width and height of the first mip; width of an atlas's place in it; columns
+    float4 grid = gallery[0u]; // width and height of the first mip; width of an atlas's place in it; columns
     float row = floor((atlas + 0.5) / grid.w);
     float column = atlas - row * grid.w;
     float share = exp2(-mip);
@@ -65,7 +61,7 @@ struct Posed
 // One quad for the whole body, by pose.
 Posed PoseQuad(Instance instance, uint quad)
 {
-    float4 pose = GalleryTexel(instance.live_vertex_count & IMPOSTOR_POSE_MASK);
+    float4 pose = gallery[instance.live_vertex_count & IMPOSTOR_POSE_MASK];
     Posed o;
     o.quad = uint(pose.x + 0.5);
     o.tile = uint(pose.y + 0.5);
@@ -79,12 +75,12 @@ Posed PoseQuad(Instance instance, uint quad)
 // A quad that follows a joint; its space is bind space.
 Posed PoseQuad(Instance instance, uint quad)
 {
-    float4 pose = GalleryTexel(instance.live_vertex_count & IMPOSTOR_POSE_MASK);
+    float4 pose = gallery[instance.live_vertex_count & IMPOSTOR_POSE_MASK];
     uint quad_count = uint(pose.w + 0.5);
     Posed o;
     o.quad = uint(pose.z + 0.5) + 3u * min(quad, quad_count - 1u);
     o.extent = quad < quad_count ? 1.0 : 0.0;
-    float4 texel = GalleryTexel(o.quad + 1u);
+    float4 texel = gallery[o.quad + 1u];
     o.tile = uint(texel.y + 0.5);
     o.row0 = 0.0;
     o.row1 = 0.0;
@@ -95,9 +91,9 @@ Posed PoseQuad(Instance instance, uint quad)
     {
         uint rows = joint + 3u * SampleEntry(instance, s);
         float weight = SampleWeight(instance, s);
-        o.row0 += weight * GalleryTexel(rows);
-        o.row1 += weight * GalleryTexel(rows + 1u);
-        o.row2 += weight * GalleryTexel(rows + 2u);
+        o.row0 += weight * gallery[rows];
+        o.row1 += weight * gallery[rows + 1u];
+        o.row2 += weight * gallery[rows + 2u];
     }
     return o;
 }
@@ -109,9 +105,9 @@ uint ViewOf(float3 direction, float view_set, uint first_view, float random)
 {
     float3 views = cells_texture.SampleLevel(nearest_sampler, float4(direction, view_set), 0.0).xyz;
     uint3 v = uint3(views + 0.5);
-    float3 a = GalleryTexel(first_view + 2u * v.x).xyz;
-    float3 b = GalleryTexel(first_view + 2u * v.y).xyz;
-    float3 c = GalleryTexel(first_view + 2u * v.z).xyz;
+    float3 a = gallery[first_view + 2u * v.x].xyz;
+    float3 b = gallery[first_view + 2u * v.y].xyz;
+    float3 c = gallery[first_view + 2u * v.z].xyz;
     float3 w = max(float3(dot(direction, cross(b, c)), dot(direction, cross(c, a)), dot(direction, cross(a, b)))
         * sign(dot(a, cross(b, c))), 0.0);
     // Near the middle of a cell every agent shows its view; towards a border they change one by one.
@@ -133,11 +129,11 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     float4 row0 = posed.row0;
     float4 row1 = posed.row1;
     float4 row2 = posed.row2;
-    float4 texel = GalleryTexel(posed.quad);
+    float4 texel = gallery[posed.quad];
     float3 center = texel.xyz;
     float depth_extent = texel.w;
-    uint first_view = uint(GalleryTexel(posed.quad + 1u).z + 0.5);
-    float4 place = GalleryTexel(posed.quad + 2u); // view set, atlas, last mip
+    uint first_view = uint(gallery[posed.quad + 1u].z + 0.5);
+    float4 place = gallery[posed.quad + 2u]; // view set, atlas, last mip
     float scale = sqrt(instance.heading_cos * instance.heading_cos + instance.heading_sin * instance.heading_sin);
 
     // The eye from the quad's centre, in model space and then in the quad's own.
@@ -152,11 +148,11 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
 
     uint view = ViewOf(direction, place.x, first_view, random);
     uint tile = posed.tile + 3u * view;
-    float4 plane = GalleryTexel(tile);
-    float4 uv = GalleryTexel(tile + 1u);
-    float4 lean = GalleryTexel(tile + 2u);
-    float3 towards = GalleryTexel(first_view + 2u * view).xyz;
-    float3 right = GalleryTexel(first_view + 2u * view + 1u).xyz;
+    float4 plane = gallery[tile];
+    float4 uv = gallery[tile + 1u];
+    float4 lean = gallery[tile + 2u];
+    float3 towards = gallery[first_view + 2u * view].xyz;
+    float3 right = gallery[first_view + 2u * view + 1u].xyz;
     float3 up = cross(towards, right);
 
     float2 side = posed.extent * float2(corner & 1u, corner >> 1);

@@ -1,5 +1,5 @@
 // mesh: draws one submesh of every visible agent; a sub-draw per band. Twin: src/reference/mesh.rs
-// In: instance lists of the select stage, a character's textures. Compiled with and without TEXTURED and DOUBLE_SIDED,
+// In: instance lists of the select stage, a character's arrays and textures. Compiled with and without TEXTURED and DOUBLE_SIDED,
 // because lavapipe pays for interpolants that a specialisation constant leaves unused. One vertex shader run does window extraction,
 // collapse, skinning and light; pixels interpolate sRGB-encoded colour, which costs a CPU driver the least.
 

@@ -3,12 +3,13 @@
 
 #include "gpu_types.hlsli"
 #include "palette.hlsli"
+#include "records.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(0, 1)]] ConstantBuffer<CharacterConstants> character;
-[[vk::binding(1, 1)]] Texture2D<uint4> vertex_texture; // 2 texels per vertex
-[[vk::binding(2, 1)]] Texture2D<uint2> collapse_texture; // parent, collapse error
-[[vk::binding(3, 1)]] Texture2D<float4> palette_texture; // 3 texels per joint and frame
+[[vk::binding(1, 1)]] RECORDS(uint4) vertices; // 2 per vertex
+[[vk::binding(2, 1)]] RECORDS(uint) parents; // collapse targets
+[[vk::binding(3, 1)]] RECORDS(float4) palette; // 3 per joint and frame
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 // A vertex after window extraction and collapse, still packed.
@@ -25,20 +26,17 @@ uint LivingAncestor(uint vertex, uint live_vertex_count)
     uint last_alive = live_vertex_count - 1u;
     while (vertex > last_alive)
     {
-        uint i = draw.first_vertex + vertex;
-        vertex = collapse_texture.Load(int3(i % VERTEX_ROW_VERTICES, i / VERTEX_ROW_VERTICES, 0)).x;
+        vertex = parents[draw.first_vertex + vertex];
     }
     return vertex;
 }
 
 PackedVertex LoadVertex(uint vertex)
 {
-    uint i = draw.first_vertex + vertex;
-    int x = int(i % VERTEX_ROW_VERTICES) * 2;
-    int y = int(i / VERTEX_ROW_VERTICES);
+    uint i = 2u * (draw.first_vertex + vertex);
     PackedVertex v;
-    v.head = vertex_texture.Load(int3(x, y, 0));
-    v.tail = vertex_texture.Load(int3(x + 1, y, 0));
+    v.head = vertices[i];
+    v.tail = vertices[i + 1u];
     return v;
 }
 
@@ -83,13 +81,11 @@ void AddJoint(Instance instance, uint joint, float weight, inout float4 row0, in
     uint sample_count = SampleCount(instance);
     for (uint s = 0u; s < sample_count; s++)
     {
-        uint entry = SampleEntry(instance, s) + joint;
+        uint row = 3u * (SampleEntry(instance, s) + joint);
         float share = weight * SampleWeight(instance, s);
-        int x = int(entry % PALETTE_ROW_ENTRIES) * 3;
-        int y = int(entry / PALETTE_ROW_ENTRIES);
-        row0 += share * palette_texture.Load(int3(x, y, 0));
-        row1 += share * palette_texture.Load(int3(x + 1, y, 0));
-        row2 += share * palette_texture.Load(int3(x + 2, y, 0));
+        row0 += share * palette[row];
+        row1 += share * palette[row + 1u];
+        row2 += share * palette[row + 2u];
     }
 }
 

@@ -7,18 +7,13 @@
 //
 // What makes it cheap on a CPU driver: lavapipe reads and writes structured buffers lane by lane, at a price per access more
 // than per byte, so records are whole uint4s; it reads texel buffers for all lanes at once, several times as fast, so what
-// is only read is one where the device allows large ones (TEXELS); it reads constants once for all lanes only outside
+// is only read is one where the device allows large ones; it reads constants once for all lanes only outside
 // control flow, so that is where they are read; and it runs both sides of a branch, at nearly the full price of what they
 // write, but skips a loop that no lane enters, so what few agents need stands in loops. Its threads take the
 // workgroups in as many runs: a shard's counters stay in one core's cache.
 
 #include "gpu_types.hlsli"
-
-#ifdef TEXELS
-#define RECORDS(T) Buffer<T>
-#else
-#define RECORDS(T) StructuredBuffer<T>
-#endif
+#include "records.hlsli"
 
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(1, 0)]] RECORDS(uint4) agents; // 3 of them are an AgentState

@@ -10,10 +10,6 @@ pub const SELECT_GROUP_SIZE: u32 = 64;
 pub const SELECT_SHARDS: u32 = 8;
 /// Threads of the workgroup that scans the lists.
 pub const SCAN_GROUP_SIZE: u32 = 256;
-/// Palette entries in a row of the palette texture, 3 texels each.
-pub const PALETTE_ROW_ENTRIES: u32 = 1024;
-/// Vertices in a row of the vertex texture, 2 texels each, and of the collapse texture, 1 texel each.
-pub const VERTEX_ROW_VERTICES: u32 = 2048;
 /// Bits of an impostor's [`Instance::live_vertex_count`] that hold its pose.
 pub const IMPOSTOR_POSE_MASK: u32 = 0x7f_ffff;
 /// First of its bits that hold its fade, in 255ths.
@@ -39,8 +35,6 @@ pub const FADE_SPAN: f32 = 0.06;
 pub const FREE_STRETCH: f32 = 1.5;
 /// Height in pixels below which an agent does not fade but switches, at a size of its own within the span.
 pub const SWITCH_HEIGHT_PX: f32 = 12.0;
-/// Texels in a row of the gallery's table.
-pub const GALLERY_ROW_TEXELS: u32 = 1024;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
 /// Mean of the tints of what stays nearly as it was made.

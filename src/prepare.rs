@@ -379,7 +379,7 @@ pub fn submesh_draws(baked: &Baked) -> Vec<SubmeshDraw> {
         .collect()
 }
 
-/// The vertex texture: the baked vertex in 7 words and its body part's tint code in the 8th, `[vertex_count]`.
+/// The vertex records: the baked vertex in 7 words and its body part's tint code in the 8th, `[vertex_count]`.
 /// Vertices without a texture get the layer behind the last, which is white.
 pub fn vertex_texels(baked: &Baked) -> Vec<[u32; 8]> {
     baked

@@ -46,28 +46,38 @@ pub const SELECT_STORAGE: &[Kind] = &[
 pub const REDUCE: &[Kind] = &[Uniform, Image, Storage];
 /// Frame constants; instances, for the probe.
 pub const DRAW: &[Kind] = &[Uniform, Storage];
-/// Character constants, vertices, collapse, palette, texture array and its sampler.
-pub const CHARACTER: &[Kind] = &[Uniform, Image, Image, Image, Image, Sampler];
+/// Character constants, vertices, parents, palette, texture array and its sampler.
+pub const CHARACTER: &[Kind] = &[Uniform, Texels, Texels, Texels, Image, Sampler];
+/// The same for devices whose texel buffers are small.
+pub const CHARACTER_STORAGE: &[Kind] = &[Uniform, Storage, Storage, Storage, Image, Sampler];
 /// The gallery's table, cells, colours and surfaces; the samplers of cells, of colours and of surfaces.
-pub const GALLERY: &[Kind] = &[Image, Image, Image, Image, Sampler, Sampler, Sampler];
+pub const GALLERY: &[Kind] = &[Texels, Image, Image, Image, Sampler, Sampler, Sampler];
+/// The same for devices whose texel buffers are small.
+pub const GALLERY_STORAGE: &[Kind] = &[Storage, Image, Image, Image, Sampler, Sampler, Sampler];
 /// A probe's output, or what `limit` keeps.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.
 pub const CAPTURE: &[Kind] = &[Storage, Storage];
 
+/// Ends the names of modules that devices with small texel buffers have in place of others.
+pub const STORAGE_SUFFIX: &str = "_storage";
+
 /// The sets of a compiled module, by set number.
-pub fn sets_of(module: &str) -> &'static [&'static [Kind]] {
-    match module {
-        "occlude_reduce" | "occlude_reduce_top" => &[REDUCE],
-        name if name.starts_with("select") && name.ends_with("_storage") => &[SELECT_STORAGE],
-        name if name.starts_with("select") => &[SELECT],
+pub fn sets_of(module: &str) -> Vec<&'static [Kind]> {
+    let (name, select, character, gallery) = match module.strip_suffix(STORAGE_SUFFIX) {
+        Some(name) => (name, SELECT_STORAGE, CHARACTER_STORAGE, GALLERY_STORAGE),
+        None => (module, SELECT, CHARACTER, GALLERY),
+    };
+    match name {
+        "occlude_reduce" | "occlude_reduce_top" => vec![REDUCE],
+        name if name.starts_with("select") => vec![select],
         "mesh_probe" | "impostor_probe" | "impostor_soft_probe" => {
-            &[DRAW, CHARACTER, GALLERY, PROBE]
+            vec![DRAW, character, gallery, PROBE]
         }
         limit if limit.starts_with("limit_") && limit.ends_with("_cs") => {
-            &[DRAW, CHARACTER, GALLERY, PROBE]
+            vec![DRAW, character, gallery, PROBE]
         }
-        "capture_vs" | "capture_ps" => &[DRAW, CHARACTER, CAPTURE],
-        _ => &[DRAW, CHARACTER, GALLERY],
+        "capture_vs" | "capture_ps" => vec![DRAW, character, CAPTURE],
+        _ => vec![DRAW, character, gallery],
     }
 }

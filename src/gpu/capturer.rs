@@ -14,11 +14,12 @@ use super::descriptors::{allocate_set, descriptor_pool, set_layout, write_buffer
 use super::headless::{Headless, dropped};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout};
+use super::records::{FLOAT4, create_records};
 use super::resident::{self, Resident};
 use super::shader_stages::with_stages;
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};
 use crate::error::RenderError;
-use crate::gpu_types::{CAPTURE_ALL_GROUPS, CaptureInstance, DrawConstants, PALETTE_ROW_ENTRIES};
+use crate::gpu_types::{CAPTURE_ALL_GROUPS, CaptureInstance, DrawConstants};
 use crate::prepare;
 
 const COLOR: vk::Format = vk::Format::R8G8B8A8_UNORM;
@@ -50,7 +51,6 @@ struct Objects {
 /// Objects of one batch.
 struct Batch<'a> {
     cx: &'a Context,
-    palette: Option<Image>,
     buffers: Vec<Buffer>,
 }
 
@@ -58,9 +58,6 @@ impl Drop for Batch<'_> {
     fn drop(&mut self) {
         for buffer in self.buffers.drain(..) {
             self.cx.destroy_buffer(buffer);
-        }
-        if let Some(palette) = self.palette.take() {
-            self.cx.destroy_image(palette);
         }
     }
 }
@@ -178,7 +175,6 @@ impl<'a> Capturer<'a> {
         let groups: Vec<u32> = batch.groups.iter().map(|&g| g.into()).collect();
         let mut objects = Batch {
             cx,
-            palette: None,
             buffers: Vec::new(),
         };
         use vk::BufferUsageFlags as U;
@@ -210,54 +206,22 @@ impl<'a> Capturer<'a> {
     /// Makes the poses' palette and puts it in the place of the clips'.
     fn upload_poses(&self, objects: &mut Batch, batch: &CaptureBatch) -> Result<(), RenderError> {
         let cx = objects.cx;
-        let rows = (batch.poses.len() as u32)
-            .div_ceil(PALETTE_ROW_ENTRIES)
-            .max(1);
-        if rows > cx.capabilities.image_size {
-            return Err(RenderError::Limit {
-                object: "poses of a capture batch".into(),
-                needed: batch.poses.len() as u64,
-                limit: cx.capabilities.image_size as u64 * PALETTE_ROW_ENTRIES as u64,
-                unit: "joints of poses",
-                hint: "take fewer poses at a time",
-            });
-        }
-        let extent = vk::Extent2D {
-            width: 3 * PALETTE_ROW_ENTRIES,
-            height: rows,
-        };
-        let mut texels: Vec<[f32; 4]> = bytemuck::cast_slice(&batch.poses).to_vec();
-        texels.resize(extent.width as usize * rows as usize, [0.0; 4]);
-        objects.buffer(
-            "capture poses staging",
-            vk::BufferUsageFlags::TRANSFER_SRC,
-            &texels,
-        )?;
-        let image = objects.palette.insert(cx.create_image(
-            "capture poses",
-            &ImageDesc::sampled(
-                vk::Format::R32G32B32A32_SFLOAT,
-                [extent.width, extent.height],
-                1,
-                1,
-                ImageShape::Plain,
-            ),
-        )?);
-        let (Some(staging), Some(resident)) = (objects.buffers.last(), &self.objects.resident)
-        else {
+        let Some(resident) = &self.objects.resident else {
             return Err(dropped());
         };
-        resident.write_palette(cx, image);
-        self.headless.core.begin()?;
-        // SAFETY: the command buffer is recording and outside rendering.
-        let mut c = unsafe { Commands::new(cx, self.headless.core.cmd) };
-        resident::record_fill(
-            &mut c,
-            staging,
-            image,
-            &[resident::copy(0, 0, [extent.width, rows], 0)],
-        );
-        self.headless.core.submit_and_wait(Ok(()))
+        let mut palette = create_records(
+            cx,
+            "capture poses",
+            size_of_val(&batch.poses[..]) as u64,
+            vk::BufferUsageFlags::empty(),
+            MemoryLocation::CpuToGpu,
+            FLOAT4,
+            "take fewer poses at a time",
+        )?;
+        palette.write(0, &batch.poses);
+        resident.write_palette(cx, &palette);
+        objects.buffers.push(palette);
+        Ok(())
     }
 
     fn draw_page(

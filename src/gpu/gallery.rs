@@ -9,12 +9,13 @@ use throng_bake::impostor::{Atlas, CUBE_SIZE, Impostors};
 use super::bindings;
 use super::commands::{Access, Commands};
 use super::context::Context;
-use super::descriptors::{allocate_set, descriptor_pool, write_images};
+use super::descriptors::{allocate_set, descriptor_pool, write_buffers, write_images};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::Pipelines;
+use super::records::{self, FLOAT4, create_records};
 use super::resident::{self, FILLING, FRESH, READABLE, Staging};
 use crate::error::RenderError;
-use crate::gpu_types::{GALLERY_ROW_TEXELS, IMPOSTOR_POSE_MASK};
+use crate::gpu_types::IMPOSTOR_POSE_MASK;
 use crate::impostor;
 
 /// What the impostor stage reads.
@@ -22,7 +23,8 @@ pub(crate) struct Gallery {
     pub set: vk::DescriptorSet,
     /// Of as many quads as any kind has.
     pub indices: Buffer,
-    /// Table, cells, colours, surfaces.
+    table: Buffer,
+    /// Cells, colours, surfaces.
     images: Vec<Image>,
     /// Of table, cells and indices, until they are copied.
     staging: Option<Staged>,
@@ -36,7 +38,7 @@ pub(crate) struct Gallery {
 
 struct Staged {
     buffer: Buffer,
-    table: Vec<vk::BufferImageCopy>,
+    table: vk::BufferCopy,
     cells: Vec<vk::BufferImageCopy>,
     indices: vk::BufferCopy,
     /// Blocks of a square that shows nothing, where pictures are blocks: those cannot be cleared.
@@ -50,11 +52,14 @@ pub(crate) struct AtlasCopies {
     surfaces: Vec<vk::BufferImageCopy>,
 }
 
+/// What to do where impostors are too many for a device.
+const FEWER_IMPOSTORS: &str = "bake it with fewer impostors, or none";
 /// Texels of the table that it can itself name, as floats.
 const EXACT_TEXELS: u64 = 1 << 24;
 /// Places of the pictures in `Gallery::images`.
-const COLORS: usize = 2;
-const SURFACES: usize = 3;
+const CELLS: usize = 0;
+const COLORS: usize = 1;
+const SURFACES: usize = 2;
 
 /// Whether one more character's impostors fit.
 ///
@@ -81,14 +86,13 @@ pub(super) fn check(
     let before = gallery.block_place(block_size);
     let texels = before + block_size;
     let poses = before + u64::from(impostor::pose_texels(impostors));
-    let row_limit = u64::from(limits.image_size) * u64::from(GALLERY_ROW_TEXELS);
     let atlas_count = gallery.atlas_count.max(gallery.next_square() + 1);
     let picture = impostor::Gallery::picture_size(atlas_count, gallery.side_with(atlas));
     let cubes = u64::from(gallery.view_set_count()) + impostors.view_sets.len() as u64;
     for (needed, limit, unit) in [
         (
             texels,
-            row_limit.min(EXACT_TEXELS),
+            records::most(cx, FLOAT4).min(EXACT_TEXELS),
             "texels of all impostors' tables",
         ),
         (
@@ -113,7 +117,7 @@ pub(super) fn check(
                 needed,
                 limit,
                 unit,
-                hint: "bake it with fewer impostors, or none",
+                hint: FEWER_IMPOSTORS,
             });
         }
     }
@@ -167,14 +171,29 @@ impl Gallery {
         pipelines: &Pipelines,
         tables: &impostor::Gallery,
     ) -> Result<Self, RenderError> {
+        use vk::BufferUsageFlags as U;
+        let location = MemoryLocation::GpuOnly;
+        let table = create_records(
+            cx,
+            "impostors' table",
+            size_of_val(&tables.texels[..]) as u64,
+            U::TRANSFER_DST,
+            location,
+            FLOAT4,
+            FEWER_IMPOSTORS,
+        )?;
+        let usage = U::INDEX_BUFFER | U::TRANSFER_DST;
+        let indices = match cx.create_buffer("quad indices", index_bytes(tables), usage, location) {
+            Ok(indices) => indices,
+            Err(e) => {
+                cx.destroy_buffer(table);
+                return Err(e);
+            }
+        };
         let mut gallery = Self {
             set: vk::DescriptorSet::null(),
-            indices: cx.create_buffer(
-                "quad indices",
-                index_bytes(tables),
-                vk::BufferUsageFlags::INDEX_BUFFER | vk::BufferUsageFlags::TRANSFER_DST,
-                MemoryLocation::GpuOnly,
-            )?,
+            indices,
+            table,
             images: Vec::new(),
             staging: None,
             side: tables.side,
@@ -209,7 +228,7 @@ impl Gallery {
             tables.side as f32,
             self.grid[0] as f32,
         ];
-        let (table_copies, rows) = staging.push_rows(&texels, GALLERY_ROW_TEXELS);
+        let table_offset = staging.push(&texels);
         // Halves hold whole numbers up to 2,048.
         let halves: Vec<[u16; 4]> = tables.cells.iter().map(|t| t.map(half)).collect();
         let side = (CUBE_SIZE * CUBE_SIZE) as usize;
@@ -224,16 +243,14 @@ impl Gallery {
         let (plain, cubes) = ((ImageShape::Plain, 1), (ImageShape::CubeArray, sides));
         let picture = impostor::Gallery::picture_size(tables.atlas_count, tables.side);
         let picture = picture.map(|n| n as u32);
-        let (table, pictures) = ([GALLERY_ROW_TEXELS, rows], picture);
         let bytes = match tables.blocks {
             true => F::BC7_UNORM_BLOCK,
             false => F::R8G8B8A8_UNORM,
         };
         for (name, format, size, (shape, layers)) in [
-            ("impostors' table", F::R32G32B32A32_SFLOAT, table, plain),
             ("impostors' cells", halves, [CUBE_SIZE; 2], cubes),
-            ("impostors' colours", bytes, pictures, plain),
-            ("impostors' surfaces", bytes, pictures, plain),
+            ("impostors' colours", bytes, picture, plain),
+            ("impostors' surfaces", bytes, picture, plain),
         ] {
             let mut desc = ImageDesc::sampled(format, size, 1, layers, shape);
             // A larger gallery takes its atlases from this one.
@@ -253,7 +270,11 @@ impl Gallery {
         buffer.write(0, &staging.bytes);
         self.staging = Some(Staged {
             buffer,
-            table: table_copies,
+            table: vk::BufferCopy {
+                src_offset: table_offset,
+                dst_offset: 0,
+                size: self.table.size_bytes,
+            },
             cells,
             empty,
             indices: vk::BufferCopy {
@@ -262,13 +283,14 @@ impl Gallery {
                 size: index_bytes(tables),
             },
         });
-        self.pool = descriptor_pool(cx, "impostors' sets", 1, 0)?;
+        self.pool = descriptor_pool(cx, "impostors' sets", 1, 1)?;
         self.set = allocate_set(cx, "impostors' set", self.pool, pipelines.gallery_set)?;
         let samplers = [
             pipelines.nearest_sampler,
             pipelines.texel_sampler,
             pipelines.nearest_texel_sampler,
         ];
+        write_buffers(cx, self.set, &[(records::kind(cx), &self.table)]);
         write_images(cx, self.set, bindings::GALLERY, &self.images, &samplers);
         Ok(())
     }
@@ -306,8 +328,8 @@ impl Gallery {
         new: &[(&Buffer, &AtlasCopies)],
     ) {
         let Some(staged) = &self.staging else { return };
-        resident::record_fill(c, &staged.buffer, &self.images[0], &staged.table);
-        resident::record_fill(c, &staged.buffer, &self.images[1], &staged.cells);
+        resident::record_fill(c, &staged.buffer, &self.images[CELLS], &staged.cells);
+        c.copy_buffer(&staged.buffer, &self.table, staged.table);
         c.copy_buffer(&staged.buffer, &self.indices, staged.indices);
         let color = vk::ImageAspectFlags::COLOR;
         for place in [COLORS, SURFACES] {
@@ -387,6 +409,7 @@ impl Gallery {
         for image in self.images {
             cx.destroy_image(image);
         }
+        cx.destroy_buffer(self.table);
         cx.destroy_buffer(self.indices);
     }
 }

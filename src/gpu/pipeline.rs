@@ -8,6 +8,7 @@ use ash::vk;
 use super::bindings;
 use super::context::Context;
 use super::descriptors::set_layout;
+use super::records;
 use super::renderer::RendererDesc;
 use super::shader_stages::{compute, with_stages};
 use crate::error::RenderError;
@@ -184,14 +185,18 @@ impl Pipelines {
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
         use vk::ShaderStageFlags as S;
         let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        let (select, variant) = match cx.capabilities.reads_texels() {
-            true => (bindings::SELECT, ""),
-            false => (bindings::SELECT_STORAGE, "_storage"),
+        let (select, character, gallery) = match records::kind(cx) {
+            bindings::Kind::Texels => (bindings::SELECT, bindings::CHARACTER, bindings::GALLERY),
+            _ => (
+                bindings::SELECT_STORAGE,
+                bindings::CHARACTER_STORAGE,
+                bindings::GALLERY_STORAGE,
+            ),
         };
         self.select_set = set_layout(cx, "select", select, S::COMPUTE)?;
         self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
-        self.character_set = set_layout(cx, "character", bindings::CHARACTER, draws)?;
-        self.gallery_set = set_layout(cx, "impostors", bindings::GALLERY, draws)?;
+        self.character_set = set_layout(cx, "character", character, draws)?;
+        self.gallery_set = set_layout(cx, "impostors", gallery, draws)?;
         self.probe_set = set_layout(cx, "probe", bindings::PROBE, S::COMPUTE)?;
         let constants = size_of::<DrawConstants>() as u32;
         self.select_layout = pipeline_layout(cx, "select", &[self.select_set], None)?;
@@ -212,13 +217,15 @@ impl Pipelines {
             ],
             Some((S::COMPUTE, constants)),
         )?;
-        let selects =
-            |pass: &str| compute(cx, &format!("select_{pass}{variant}"), self.select_layout);
-        self.count = selects("count")?;
-        self.scan = compute(cx, "select_scan", self.select_layout)?;
-        self.scatter = selects("scatter")?;
-        self.count_unhidden = selects("count_unhidden")?;
-        self.count_occluders = selects("count_occluders")?;
+        for (to, name) in [
+            (&mut self.count, "select_count"),
+            (&mut self.scan, "select_scan"),
+            (&mut self.scatter, "select_scatter"),
+            (&mut self.count_unhidden, "select_count_unhidden"),
+            (&mut self.count_occluders, "select_count_occluders"),
+        ] {
+            *to = compute(cx, name, self.select_layout)?;
+        }
         self.reduce_set = set_layout(cx, "reduce", bindings::REDUCE, S::COMPUTE)?;
         self.reduce_layout = pipeline_layout(cx, "reduce", &[self.reduce_set], None)?;
         self.reduce = compute(cx, "occlude_reduce", self.reduce_layout)?;

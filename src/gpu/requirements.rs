@@ -5,7 +5,7 @@ use std::ffi::CStr;
 use ash::vk;
 
 use crate::error::RenderError;
-use crate::gpu_types::{PALETTE_ROW_ENTRIES, SCAN_GROUP_SIZE, VERTEX_ROW_VERTICES};
+use crate::gpu_types::SCAN_GROUP_SIZE;
 
 /// Vulkan version of instance and device.
 pub const API_VERSION: u32 = vk::API_VERSION_1_3;
@@ -70,7 +70,7 @@ pub(crate) struct Capabilities {
 }
 
 impl Capabilities {
-    /// Texel buffers are large enough to hold any crowd; Vulkan only promises 65,536 texels.
+    /// Texel buffers are large enough to hold any crowd and any character; Vulkan only promises 65,536 texels.
     pub fn reads_texels(&self) -> bool {
         self.texel_count >= 1 << 24
     }
@@ -172,12 +172,6 @@ pub(crate) fn check(
             "select",
         ),
         (
-            l.max_image_dimension2_d,
-            (3 * PALETTE_ROW_ENTRIES).max(2 * VERTEX_ROW_VERTICES),
-            "maxImageDimension2D",
-            "character textures",
-        ),
-        (
             l.max_bound_descriptor_sets,
             3,
             "maxBoundDescriptorSets",
@@ -193,13 +187,6 @@ pub(crate) fn check(
     }
     let sampled = vk::FormatFeatureFlags::SAMPLED_IMAGE | vk::FormatFeatureFlags::TRANSFER_DST;
     for (format, wants, needed_for) in [
-        (vk::Format::R32G32B32A32_UINT, sampled, "the vertex texture"),
-        (vk::Format::R32G32_UINT, sampled, "the collapse texture"),
-        (
-            vk::Format::R32G32B32A32_SFLOAT,
-            sampled,
-            "the palette texture",
-        ),
         (
             vk::Format::R8G8B8A8_UNORM,
             sampled | vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR,

@@ -11,8 +11,8 @@ use super::descriptors::{allocate_set, descriptor_pool, write_buffers, write_ima
 use super::gallery::{self, AtlasCopies};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines};
+use super::records::{self, FLOAT4, UINT, UINT4, create_records};
 use crate::error::RenderError;
-use crate::gpu_types::{PALETTE_ROW_ENTRIES, VERTEX_ROW_VERTICES};
 use crate::prepare::{self, SubmeshDraw};
 
 /// Uploaded once, read by every frame.
@@ -24,18 +24,24 @@ pub(crate) struct Resident {
     pub first_submesh: u32,
     pub indices: Buffer,
     pub set: vk::DescriptorSet,
-    images: Vec<Image>,
+    /// Vertices, parents and palette.
+    records: Vec<Buffer>,
+    textures: Image,
     constants: Buffer,
     pool: vk::DescriptorPool,
 }
 
+/// What to do where a character's array is too large for a device.
+const SMALLER: &str = "bake it smaller: fewer vertices or frames, or smaller textures";
+
 /// Copies that the next `record_uploads` records.
 pub(crate) struct Upload {
     staging: Buffer,
-    /// Of the character that the images and indices belong to.
+    /// Of the character that the copies are for.
     character: usize,
     indices: vk::BufferCopy,
-    images: Vec<Vec<vk::BufferImageCopy>>,
+    records: Vec<vk::BufferCopy>,
+    textures: Vec<vk::BufferImageCopy>,
     /// Of its impostors.
     atlas: Option<AtlasCopies>,
 }
@@ -63,19 +69,6 @@ impl Staging {
         let offset = self.bytes.len() as u64;
         self.bytes.extend_from_slice(bytemuck::cast_slice(data));
         offset
-    }
-
-    /// Appends texels in rows of `width`, the last one filled up with zeros. Returns the copy and the rows.
-    pub fn push_rows<T: bytemuck::Pod>(
-        &mut self,
-        texels: &[T],
-        width: u32,
-    ) -> (Vec<vk::BufferImageCopy>, u32) {
-        let offset = self.push(texels);
-        let rows = (texels.len() as u32).div_ceil(width).max(1);
-        let bytes = rows as usize * width as usize * size_of::<T>();
-        self.bytes.resize(offset as usize + bytes, 0);
-        (vec![copy(offset, 0, [width, rows], 0)], rows)
     }
 }
 
@@ -129,44 +122,35 @@ pub(crate) fn make(
         buffers: Vec::new(),
         pool: vk::DescriptorPool::null(),
     };
-    let mut images = Vec::new();
     let name = |what: &str| format!("{} {what}", baked.name);
+    use vk::BufferUsageFlags as U;
 
     let vertices = prepare::vertex_texels(baked);
-    let vertices: &[[u32; 4]] = bytemuck::cast_slice(&vertices);
-    let palette: &[[f32; 4]] = bytemuck::cast_slice(&baked.palette);
-    let rows = [
-        (
-            "vertices",
-            vk::Format::R32G32B32A32_UINT,
-            2 * VERTEX_ROW_VERTICES,
-            staging.push_rows(vertices, 2 * VERTEX_ROW_VERTICES),
-        ),
-        (
-            "collapse",
-            vk::Format::R32G32_UINT,
-            VERTEX_ROW_VERTICES,
-            staging.push_rows(&baked.collapse, VERTEX_ROW_VERTICES),
-        ),
-        (
-            "palette",
-            vk::Format::R32G32B32A32_SFLOAT,
-            3 * PALETTE_ROW_ENTRIES,
-            staging.push_rows(palette, 3 * PALETTE_ROW_ENTRIES),
-        ),
-    ];
-    for (what, format, width, (copies, height)) in rows {
-        made.image(
+    let parents: Vec<u32> = baked.collapse.iter().map(|entry| entry.parent).collect();
+    let mut records = Vec::new();
+    for (what, texel, bytes) in [
+        ("vertices", UINT4, bytemuck::cast_slice::<_, u8>(&vertices)),
+        ("parents", UINT, bytemuck::cast_slice(&parents)),
+        ("palette", FLOAT4, bytemuck::cast_slice(&baked.palette)),
+    ] {
+        let size = bytes.len() as u64;
+        let buffer = create_records(
+            cx,
             &name(what),
-            format,
-            [width, height],
-            1,
-            1,
-            ImageShape::Plain,
+            size,
+            U::TRANSFER_DST,
+            MemoryLocation::GpuOnly,
+            texel,
+            SMALLER,
         )?;
-        images.push(copies);
+        made.buffers.push(buffer);
+        records.push(vk::BufferCopy {
+            src_offset: staging.push(bytes),
+            dst_offset: 0,
+            size,
+        });
     }
-    let (size, mips, layers, copies) = stage_textures(&mut staging, baked);
+    let (size, mips, layers, textures) = stage_textures(&mut staging, baked);
     made.image(
         &name("textures"),
         vk::Format::R8G8B8A8_UNORM,
@@ -175,13 +159,11 @@ pub(crate) fn make(
         layers,
         ImageShape::Array,
     )?;
-    images.push(copies);
     let impostors = baked.impostors.as_ref();
     let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, square, blocks));
 
     let index_offset = staging.push(&baked.indices);
     let index_bytes = size_of_val(&baked.indices[..]) as u64;
-    use vk::BufferUsageFlags as U;
     made.buffer(
         &name("indices"),
         index_bytes,
@@ -200,33 +182,31 @@ pub(crate) fn make(
         U::TRANSFER_SRC,
         MemoryLocation::CpuToGpu,
     )?;
-    made.pool = descriptor_pool(cx, &name("sets"), 1, 0)?;
+    made.pool = descriptor_pool(cx, &name("sets"), 1, 3)?;
     let set = allocate_set(cx, &name("set"), made.pool, pipelines.character_set)?;
 
     // Nothing below fails, so `made` gives up what it guards.
-    let (resident_images, mut buffers, pool) = made.take();
-    let (Some(mut staging_buffer), Some(mut constants), Some(indices)) =
-        (buffers.pop(), buffers.pop(), buffers.pop())
+    let (mut images, mut buffers, pool) = made.take();
+    let (Some(mut staging_buffer), Some(mut constants), Some(indices), Some(resident_textures)) =
+        (buffers.pop(), buffers.pop(), buffers.pop(), images.pop())
     else {
-        unreachable!("three buffers were made above");
+        unreachable!("three buffers and an image were made above");
     };
     staging_buffer.write(0, &staging.bytes);
     constants.write(0, &[prepare::constants(baked)]);
-    write_buffers(cx, set, &[(Kind::Uniform, &constants)]);
-    write_images(
-        cx,
-        set,
-        bindings::CHARACTER,
-        &resident_images,
-        &[pipelines.sampler],
-    );
+    let written = std::iter::once((Kind::Uniform, &constants));
+    let read = buffers.iter().map(|buffer| (records::kind(cx), buffer));
+    write_buffers(cx, set, &written.chain(read).collect::<Vec<_>>());
+    let image = std::slice::from_ref(&resident_textures);
+    write_images(cx, set, bindings::CHARACTER, image, &[pipelines.sampler]);
     let resident = Resident {
         draws,
         first_bin,
         first_submesh,
         indices,
         set,
-        images: resident_images,
+        records: buffers,
+        textures: resident_textures,
         constants,
         pool,
     };
@@ -238,7 +218,8 @@ pub(crate) fn make(
             dst_offset: 0,
             size: index_bytes,
         },
-        images,
+        records,
+        textures,
         atlas,
     };
     Ok((resident, upload))
@@ -307,29 +288,26 @@ pub(super) fn record_fill(
 }
 
 impl Resident {
-    /// Puts another palette in the place of the clips'; no pending command may use the set.
-    pub fn write_palette(&self, cx: &Context, palette: &Image) {
-        const BINDING: u32 = 3;
-        let info = [vk::DescriptorImageInfo {
-            sampler: vk::Sampler::null(),
-            image_view: palette.view,
-            image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-        }];
-        let write = vk::WriteDescriptorSet::default()
-            .dst_set(self.set)
-            .dst_binding(BINDING)
-            .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
-            .image_info(&info);
-        // SAFETY: the view is alive; the caller's promise about the set.
-        unsafe { cx.device.update_descriptor_sets(&[write], &[]) };
+    /// Puts another palette, made of records, in the place of the clips'; no pending command may use the set.
+    pub fn write_palette(&self, cx: &Context, palette: &Buffer) {
+        let kind = records::kind(cx);
+        let [vertices, parents] = [0, 1].map(|i| (kind, &self.records[i]));
+        let written = [
+            (Kind::Uniform, &self.constants),
+            vertices,
+            parents,
+            (kind, palette),
+        ];
+        write_buffers(cx, self.set, &written);
     }
 
     /// Destroys everything; no pending command may use any of it.
     pub fn destroy(self, cx: &Context) {
         // SAFETY: the caller's promise; consumed, so once.
         unsafe { cx.device.destroy_descriptor_pool(self.pool, None) };
-        for image in self.images {
-            cx.destroy_image(image);
+        cx.destroy_image(self.textures);
+        for buffer in self.records {
+            cx.destroy_buffer(buffer);
         }
         cx.destroy_buffer(self.indices);
         cx.destroy_buffer(self.constants);
@@ -339,11 +317,13 @@ impl Resident {
 impl Upload {
     /// Records the copies; the staging buffer, which comes back, has to live until they are done.
     pub fn record(self, commands: &mut Commands, resident: &Resident) -> Buffer {
-        for (image, copies) in resident.images.iter().zip(&self.images) {
-            record_fill(commands, &self.staging, image, copies);
-        }
-        if self.indices.size > 0 {
-            commands.copy_buffer(&self.staging, &resident.indices, self.indices);
+        record_fill(commands, &self.staging, &resident.textures, &self.textures);
+        let records = resident.records.iter().zip(self.records);
+        let indices = (&resident.indices, self.indices);
+        for (buffer, copy) in records.chain([indices]) {
+            if copy.size > 0 {
+                commands.copy_buffer(&self.staging, buffer, copy);
+            }
         }
         commands.barrier(Access::TransferWrite, &[Access::AnyRead]);
         self.staging
@@ -398,7 +378,7 @@ impl Made<'_> {
                     needed: needed as u64,
                     limit: limit as u64,
                     unit,
-                    hint: "bake it smaller: fewer vertices or frames, or smaller textures",
+                    hint: SMALLER,
                 });
             }
         }

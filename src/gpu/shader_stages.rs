@@ -4,7 +4,9 @@ use std::ffi::CStr;
 
 use ash::vk;
 
+use super::bindings::{Kind, STORAGE_SUFFIX};
 use super::context::Context;
+use super::records;
 use super::shaders::{MODULES, Module};
 use crate::error::RenderError;
 
@@ -49,11 +51,14 @@ fn stage<'a>(
         .specialization_info(specialization)
 }
 
+/// A compiled module; where texel buffers are small, the one that reads storage buffers in their place, if there is one.
 fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
-    let spirv = MODULES
-        .iter()
-        .find(|m: &&Module| m.name == name)
-        .map_or(&[][..], |m| m.spirv);
+    let find = |name: &str| MODULES.iter().find(|m: &&Module| m.name == name);
+    let storage = match records::kind(cx) {
+        Kind::Storage => find(&format!("{name}{STORAGE_SUFFIX}")),
+        _ => None,
+    };
+    let spirv = storage.or_else(|| find(name)).map_or(&[][..], |m| m.spirv);
     let info = vk::ShaderModuleCreateInfo::default().code(spirv);
     // SAFETY: build.rs compiled the words for this Vulkan version; spirv-val checks them in the tests.
     unsafe { cx.device.create_shader_module(&info, None) }.map_err(RenderError::vulkan(

@@ -12,6 +12,7 @@ use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
 use super::occluders::Occluders;
 use super::pipeline::Pipelines;
+use super::records::{self, FEWER_AGENTS, UINT, UINT2, UINT4, check_range, create_records};
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
@@ -145,9 +146,16 @@ impl TableBuffers {
         let mut made: Vec<Buffer> = Vec::new();
         let mut table = |name: &str, texel: vk::Format, bytes: &[u8]| {
             let size = bytes.len() as u64;
-            let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
-            let mut buffer =
-                create_records(cx, name, size, usage, MemoryLocation::CpuToGpu, texel)?;
+            let usage = vk::BufferUsageFlags::STORAGE_BUFFER; // the scan reads bands
+            let mut buffer = create_records(
+                cx,
+                name,
+                size,
+                usage,
+                MemoryLocation::CpuToGpu,
+                texel,
+                FEWER_AGENTS,
+            )?;
             buffer.write(0, bytes);
             made.push(buffer);
             Ok(())
@@ -171,65 +179,6 @@ impl TableBuffers {
     pub fn into_buffers(self) -> [Buffer; 5] {
         self.buffers
     }
-}
-
-const UINT4: vk::Format = vk::Format::R32G32B32A32_UINT;
-const UINT2: vk::Format = vk::Format::R32G32_UINT;
-const UINT: vk::Format = vk::Format::R32_UINT;
-pub(super) const FLOAT: vk::Format = vk::Format::R32_SFLOAT;
-
-/// A buffer that the select stage reads as texels of a format, where the device's texel buffers are large.
-///
-/// Errors: [`RenderError::Limit`] where the device allows none so large.
-pub(super) fn create_records(
-    cx: &Context,
-    name: &str,
-    bytes: u64,
-    usage: vk::BufferUsageFlags,
-    location: MemoryLocation,
-    texel: vk::Format,
-) -> Result<Buffer, RenderError> {
-    check_range(cx, name, bytes)?;
-    if !cx.capabilities.reads_texels() {
-        return cx.create_buffer(name, bytes, usage, location);
-    }
-    let texel_bytes = match texel {
-        UINT4 => 16,
-        UINT2 => 8,
-        _ => 4,
-    };
-    if bytes / texel_bytes > cx.capabilities.texel_count {
-        return Err(RenderError::Limit {
-            object: cx.full_name(name),
-            needed: bytes / texel_bytes,
-            limit: cx.capabilities.texel_count,
-            unit: "texels in a buffer",
-            hint: "draw fewer agents with one renderer, or split the crowd",
-        });
-    }
-    let usage = usage | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
-    let mut buffer = cx.create_buffer(name, bytes, usage, location)?;
-    match cx.add_texel_view(&mut buffer, name, texel) {
-        Ok(()) => Ok(buffer),
-        Err(e) => {
-            cx.destroy_buffer(buffer);
-            Err(e)
-        }
-    }
-}
-
-/// Errors: [`RenderError::Limit`] where a storage buffer would be larger than the device allows.
-fn check_range(cx: &Context, name: &str, bytes: u64) -> Result<(), RenderError> {
-    if bytes > cx.capabilities.storage_range {
-        return Err(RenderError::Limit {
-            object: cx.full_name(name),
-            needed: bytes,
-            limit: cx.capabilities.storage_range,
-            unit: "bytes of storage buffer",
-            hint: "draw fewer agents with one renderer, or split the crowd",
-        });
-    }
-    Ok(())
 }
 
 impl Slot {
@@ -442,9 +391,9 @@ impl Slot {
                 &b.ranges,
                 pyramid,
             ];
-            let kinds = match cx.capabilities.reads_texels() {
-                true => bindings::SELECT,
-                false => bindings::SELECT_STORAGE,
+            let kinds = match records::kind(cx) {
+                Kind::Texels => bindings::SELECT,
+                _ => bindings::SELECT_STORAGE,
             };
             let select: Vec<_> = kinds.iter().copied().zip(select).collect();
             write_buffers(cx, self.select_set, &select);
@@ -472,7 +421,7 @@ impl Slot {
             .is_none_or(|b| b.size_bytes < bytes)
         {
             let name = format!("uninstanced instances of frame {index}");
-            check_range(cx, &name, bytes)?;
+            check_range(cx, &name, bytes, FEWER_AGENTS)?;
             let instances = cx.create_buffer(
                 &name,
                 bytes,
@@ -565,8 +514,10 @@ impl SlotBuffers {
         for (what, bytes, usage, location, texel) in wanted {
             let name = format!("{what} of frame {index}");
             let buffer = match texel {
-                Some(texel) => create_records(cx, &name, bytes, usage, location, texel),
-                None if usage.contains(storage) => check_range(cx, &name, bytes)
+                Some(texel) => {
+                    create_records(cx, &name, bytes, usage, location, texel, FEWER_AGENTS)
+                }
+                None if usage.contains(storage) => check_range(cx, &name, bytes, FEWER_AGENTS)
                     .and_then(|()| cx.create_buffer(&name, bytes, usage, location)),
                 None => cx.create_buffer(&name, bytes, usage, location),
             };
