@@ -10,6 +10,7 @@ use throng_bake::impostor::{ErrorSample, Kind};
 use crate::frame::Method;
 use crate::gpu_types::{BIN_NONE, FLAT_BIN, MAX_RANGES, QUAD_BIN, RangeInfo};
 use crate::impostor::trimmed;
+use crate::select::PLAIN_LENGTH_PX;
 use crate::sheet::bounds_height;
 
 /// What drawing costs on a device, nanoseconds.
@@ -25,6 +26,8 @@ pub struct CostModel {
     pub quad: f32,
     /// A pixel of a quad.
     pub quad_pixel: f32,
+    /// The same with relief, which `quad` has where agents are large enough to show it.
+    pub relief_pixel: f32,
     /// Side of the squares of pixels that are shaded together, whether a quad covers all of one or a corner, pixels.
     pub pixel_block: f32,
 }
@@ -32,11 +35,12 @@ pub struct CostModel {
 impl CostModel {
     /// Mesa's lavapipe on two cores, as `throng bench height` fits it.
     pub const CPU: Self = Self {
-        mesh: 506.0,
-        triangle: 93.8,
-        impostor: 99.0,
-        quad: 496.0,
-        quad_pixel: 19.9,
+        mesh: 400.0,
+        triangle: 75.0,
+        impostor: 650.0,
+        quad: 490.0,
+        quad_pixel: 14.0,
+        relief_pixel: 17.3,
         pixel_block: 4.0,
     };
     /// A GPU: an estimate, not measured, that takes vertices and pixels for cheap alike.
@@ -46,6 +50,7 @@ impl CostModel {
         impostor: 0.5,
         quad: 0.5,
         quad_pixel: 0.02,
+        relief_pixel: 0.03,
         pixel_block: 2.0,
     };
 }
@@ -72,6 +77,8 @@ pub struct ImpostorKind {
     pub bin: u32,
     /// Mean width and height of each of its quads over the character's height, `[quad_count][2]`.
     sizes: Vec<[f32; 2]>,
+    /// The character's length over its height.
+    length: f32,
     errors: Vec<ErrorSample>,
 }
 
@@ -91,6 +98,9 @@ impl Representations {
         };
         let levels = errors.iter().map(|&e| (e, triangles_at(e))).collect();
         let impostors = baked.impostors.as_ref();
+        let lengths = baked.clips.iter();
+        let lengths = lengths.map(|c| (c.box_max - c.box_min).max_element());
+        let length = lengths.fold(0.0, f32::max);
         let kinds = impostors
             .into_iter()
             .flat_map(|i| i.kinds.iter().map(move |info| (i, info)))
@@ -114,14 +124,13 @@ impl Representations {
                         Kind::Flat => FLAT_BIN,
                     },
                     sizes: sizes.collect(),
+                    length: length / height,
                     errors: info.errors.clone(),
                 }
             });
-        let lengths = baked.clips.iter();
-        let lengths = lengths.map(|c| (c.box_max - c.box_min).max_element());
         Self {
             height,
-            length: lengths.fold(0.0, f32::max),
+            length,
             levels,
             kinds: kinds.collect(),
         }
@@ -231,9 +240,14 @@ impl ImpostorKind {
             c if c < 1.0 => c * costs.pixel_block,
             c => c + costs.pixel_block - 1.0,
         };
+        let has_relief = self.kind == Kind::Quad && self.length * height_px > PLAIN_LENGTH_PX;
+        let pixel = match has_relief {
+            true => costs.relief_pixel,
+            false => costs.quad_pixel,
+        };
         let quads = self.sizes.iter().map(|size| {
             let [columns, rows] = size.map(|s| shaded(s * height_px));
-            costs.quad + costs.quad_pixel * columns * rows
+            costs.quad + pixel * columns * rows
         });
         costs.impostor + quads.sum::<f32>()
     }
@@ -276,6 +290,7 @@ mod tests {
             kind,
             bin,
             sizes: vec![[0.4, 1.0 / quads as f32]; quads],
+            length: 1.0,
             errors: vec![
                 sample(6.0, 0.0),
                 sample(30.0, 0.0),

@@ -23,7 +23,7 @@ const OCCLUDER_HEIGHT_PX: f32 = 40.0;
 
 /// Quads of agents of this length in the picture, and smaller ones, are drawn without relief. With 24 the plaza has 1.9 percent more
 /// FLIP error, with 18 0.6.
-const PLAIN_LENGTH_PX: f32 = 18.0;
+pub(crate) const PLAIN_LENGTH_PX: f32 = 18.0;
 
 /// The constants that all stages of a frame read; `reversed_depth` as in [`crate::gpu::RendererDesc::reversed_depth`].
 /// Without `plain_slices`, which follows from the crowd and which only draws depend on.
