@@ -59,7 +59,7 @@
 // Words that what follows in the tally buffer starts at multiples of: a cache line.
 #define TALLY_ALIGNMENT 16
 // The occluders' depth has a texel per this many pixels each way.
-#define OCCLUDER_TEXEL_PX 2
+#define OCCLUDER_TEXEL_PX 4
 // Metres by which the eye may be above occluders, per metre of distance.
 #define OCCLUDER_SLOPE_MAX 0.05
 // Occluders only hide what is further behind them than this share of its distance.

@@ -68,7 +68,7 @@ pub const TALLY_BINS: usize = 8;
 /// Words that each part of the tally starts at multiples of.
 pub const TALLY_ALIGNMENT: usize = 16;
 /// Pixels per texel of the occluders' depth, each way.
-pub const OCCLUDER_TEXEL_PX: u32 = 2;
+pub const OCCLUDER_TEXEL_PX: u32 = 4;
 /// Metres by which the eye may be above occluders, per metre of distance.
 pub const OCCLUDER_SLOPE_MAX: f32 = 0.05;
 /// Occluders only hide what is further behind them than this share of its distance.

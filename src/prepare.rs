@@ -254,7 +254,7 @@ impl Tables {
 }
 
 /// Triangles of the mesh with which a character hides others.
-const OCCLUDER_TRIANGLES: u32 = 64;
+const OCCLUDER_TRIANGLES: u32 = 40;
 
 /// The smallest LOD error at which a character has few enough triangles to hide others.
 fn occluder_error(baked: &Baked) -> f32 {
