@@ -8,7 +8,7 @@ use common::{
     assert_silent, baked_mascot, baked_mascot_with_impostors, crowd, headless, options, view,
 };
 use glam::Vec3;
-use throng::gpu::Headless;
+use throng::gpu::{Headless, HeadlessDesc};
 use throng::{Agent, CharacterId, FrameOptions, FrameReport, Method, RenderError, View};
 
 const SIZE: [u32; 2] = [256, 256];
@@ -96,7 +96,23 @@ fn trio(id: CharacterId) -> Vec<Agent> {
 
 #[test]
 fn goldens() {
-    let (mut headless, id) = with_mascot();
+    goldens_with(headless(SIZE));
+}
+
+/// Where a device's texel buffers are small, shaders read records from storage buffers, and the pictures are the same.
+#[test]
+fn goldens_with_records_in_storage_buffers() {
+    let desc = HeadlessDesc {
+        size_px: SIZE,
+        validation: true,
+        storage_records: true,
+        ..Default::default()
+    };
+    goldens_with(Headless::new(&desc).expect("a Vulkan device and the validation layer"));
+}
+
+fn goldens_with(mut headless: Headless) {
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
     for (name, agents, method) in [
         ("near_full", trio(id), Method::Full),
         ("near_lod", trio(id), Method::Lod),

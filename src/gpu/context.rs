@@ -22,13 +22,16 @@ pub(crate) struct Context {
 
 impl Context {
     pub fn new(handles: &DeviceHandles, desc: &RendererDesc) -> Result<Self, RenderError> {
-        let capabilities = requirements::check(
+        let mut capabilities = requirements::check(
             handles.instance,
             handles.physical_device,
             handles.queue_family,
             desc.color_format,
             desc.depth_format,
         )?;
+        if desc.storage_records {
+            capabilities.texel_count = 0;
+        }
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: handles.instance.clone(),
             device: handles.device.clone(),

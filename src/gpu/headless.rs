@@ -31,6 +31,8 @@ pub struct HeadlessDesc {
     pub validation: bool,
     /// Keeps the instance lists for [`Headless::selection`]: for tests.
     pub keep_lists: bool,
+    /// [`RendererDesc::storage_records`]: for tests.
+    pub storage_records: bool,
     /// The most frames that [`Headless::stream`] draws at once, 1 to 64; [`Headless::render`] draws one.
     pub frames_in_flight: u32,
     /// Impostors' pictures that were baked in blocks stay in them on CPU drivers, too, which then take five times as long for a
@@ -45,6 +47,7 @@ impl Default for HeadlessDesc {
             size_px: [1024, 768],
             validation: false,
             keep_lists: false,
+            storage_records: false,
             frames_in_flight: 1,
             block_textures: false,
         }
@@ -99,6 +102,7 @@ impl Headless {
             depth_format: DEPTH,
             reversed_depth: true,
             keep_lists: desc.keep_lists,
+            storage_records: desc.storage_records,
             costs: None,
         };
         // SAFETY: the handles were made above with the required features and are destroyed after the renderer (`Drop`).

@@ -52,6 +52,9 @@ pub struct RendererDesc<'a> {
     pub reversed_depth: bool,
     /// Copies the instance lists back for `selection`: for tests.
     pub keep_lists: bool,
+    /// Shaders read records from storage buffers, as on devices whose texel buffers are small, which CPU drivers take several times as
+    /// long for: for tests.
+    pub storage_records: bool,
     /// What drawing costs on the device, for [`crate::Method::Hybrid`]; `None` takes [`CostModel::CPU`] or
     /// [`CostModel::GPU`], by its kind.
     pub costs: Option<CostModel>,
@@ -67,6 +70,7 @@ impl Default for RendererDesc<'_> {
             depth_format: vk::Format::D32_SFLOAT,
             reversed_depth: true,
             keep_lists: false,
+            storage_records: false,
             costs: None,
         }
     }
