@@ -24,52 +24,52 @@ type ModuleRow = (
     &'static [&'static str],
 );
 /// The module reads records (hlsl/records.hlsli): it is compiled with `STORAGE`, too, under a name that ends in `_storage`.
-const RECORDS: &str = "READS_RECORDS";
+const READS_RECORDS: &str = "READS_RECORDS";
 const COMPUTE: ShaderStage = ShaderStage::Compute;
 const VERTEX: ShaderStage = ShaderStage::Vertex;
 const FRAGMENT: ShaderStage = ShaderStage::Fragment;
 #[rustfmt::skip]
 const MODULES: &[ModuleRow] = &[
-    ("select_count", "select.hlsl", "CSCount", COMPUTE, &[RECORDS]),
-    ("select_scan", "select.hlsl", "CSScan", COMPUTE, &[RECORDS]),
-    ("select_scatter", "select.hlsl", "CSScatter", COMPUTE, &[RECORDS]),
-    ("select_count_unhidden", "select.hlsl", "CSCount", COMPUTE, &[RECORDS, "OCCLUSION"]),
-    ("select_count_occluders", "select.hlsl", "CSCountOccluders", COMPUTE, &[RECORDS]),
-    ("occlude_vs", "occlude.hlsl", "VSMain", VERTEX, &[RECORDS]),
+    ("select_count", "select.hlsl", "CSCount", COMPUTE, &[READS_RECORDS]),
+    ("select_scan", "select.hlsl", "CSScan", COMPUTE, &[READS_RECORDS]),
+    ("select_scatter", "select.hlsl", "CSScatter", COMPUTE, &[READS_RECORDS]),
+    ("select_count_unhidden", "select.hlsl", "CSCount", COMPUTE, &[READS_RECORDS, "OCCLUSION"]),
+    ("select_count_occluders", "select.hlsl", "CSCountOccluders", COMPUTE, &[READS_RECORDS]),
+    ("occlude_vs", "occlude.hlsl", "VSMain", VERTEX, &[READS_RECORDS]),
     ("occlude_reduce", "occlude.hlsl", "CSReduce", COMPUTE, &["REDUCE"]),
     ("occlude_reduce_top", "occlude.hlsl", "CSReduceTop", COMPUTE, &["REDUCE"]),
-    ("mesh_vs", "mesh.hlsl", "VSMain", VERTEX, &[RECORDS]),
+    ("mesh_vs", "mesh.hlsl", "VSMain", VERTEX, &[READS_RECORDS]),
     ("mesh_ps", "mesh.hlsl", "PSMain", FRAGMENT, &[]),
-    ("mesh_textured_vs", "mesh.hlsl", "VSMain", VERTEX, &[RECORDS, "TEXTURED"]),
+    ("mesh_textured_vs", "mesh.hlsl", "VSMain", VERTEX, &[READS_RECORDS, "TEXTURED"]),
     ("mesh_textured_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["TEXTURED"]),
-    ("mesh_double_vs", "mesh.hlsl", "VSMain", VERTEX, &[RECORDS, "DOUBLE_SIDED"]),
+    ("mesh_double_vs", "mesh.hlsl", "VSMain", VERTEX, &[READS_RECORDS, "DOUBLE_SIDED"]),
     ("mesh_double_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["DOUBLE_SIDED"]),
-    ("mesh_textured_double_vs", "mesh.hlsl", "VSMain", VERTEX, &[RECORDS, "TEXTURED", "DOUBLE_SIDED"]),
+    ("mesh_textured_double_vs", "mesh.hlsl", "VSMain", VERTEX, &[READS_RECORDS, "TEXTURED", "DOUBLE_SIDED"]),
     ("mesh_textured_double_ps", "mesh.hlsl", "PSMain", FRAGMENT, &["TEXTURED", "DOUBLE_SIDED"]),
-    ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[RECORDS]),
-    ("impostor_vs", "impostor.hlsl", "VSMain", VERTEX, &[RECORDS]),
+    ("mesh_probe", "mesh_probe.hlsl", "CSMain", COMPUTE, &[READS_RECORDS]),
+    ("impostor_vs", "impostor.hlsl", "VSMain", VERTEX, &[READS_RECORDS]),
     ("impostor_ps", "impostor.hlsl", "PSMain", FRAGMENT, &[]),
-    ("impostor_soft_vs", "impostor.hlsl", "VSMain", VERTEX, &[RECORDS, "SOFT", "RELIEF"]),
+    ("impostor_soft_vs", "impostor.hlsl", "VSMain", VERTEX, &[READS_RECORDS, "SOFT", "RELIEF"]),
     ("impostor_soft_ps", "impostor.hlsl", "PSMain", FRAGMENT, &["SOFT", "RELIEF"]),
-    ("impostor_plain_vs", "impostor.hlsl", "VSMain", VERTEX, &[RECORDS, "SOFT"]),
+    ("impostor_plain_vs", "impostor.hlsl", "VSMain", VERTEX, &[READS_RECORDS, "SOFT"]),
     ("impostor_plain_ps", "impostor.hlsl", "PSMain", FRAGMENT, &["SOFT"]),
-    ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[RECORDS]),
+    ("capture_vs", "capture.hlsl", "VSMain", VERTEX, &[READS_RECORDS]),
     ("capture_ps", "capture.hlsl", "PSMain", FRAGMENT, &[]),
-    ("impostor_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[RECORDS]),
-    ("impostor_soft_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[RECORDS, "SOFT"]),
-    ("limit_mesh_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM"]),
+    ("impostor_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[READS_RECORDS]),
+    ("impostor_soft_probe", "impostor_probe.hlsl", "CSMain", COMPUTE, &[READS_RECORDS, "SOFT"]),
+    ("limit_mesh_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM"]),
     ("limit_mesh_vs", "limit.hlsl", "VSLimit", VERTEX, &[]),
-    ("limit_mesh_textured_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "TEXTURED"]),
+    ("limit_mesh_textured_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "TEXTURED"]),
     ("limit_mesh_textured_vs", "limit.hlsl", "VSLimit", VERTEX, &["TEXTURED"]),
-    ("limit_mesh_double_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "DOUBLE_SIDED"]),
+    ("limit_mesh_double_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "DOUBLE_SIDED"]),
     ("limit_mesh_double_vs", "limit.hlsl", "VSLimit", VERTEX, &["DOUBLE_SIDED"]),
-    ("limit_mesh_textured_double_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "TEXTURED", "DOUBLE_SIDED"]),
+    ("limit_mesh_textured_double_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "TEXTURED", "DOUBLE_SIDED"]),
     ("limit_mesh_textured_double_vs", "limit.hlsl", "VSLimit", VERTEX, &["TEXTURED", "DOUBLE_SIDED"]),
-    ("limit_impostor_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "IMPOSTOR"]),
+    ("limit_impostor_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "IMPOSTOR"]),
     ("limit_impostor_vs", "limit.hlsl", "VSLimit", VERTEX, &["IMPOSTOR"]),
-    ("limit_impostor_soft_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "IMPOSTOR", "SOFT", "RELIEF"]),
+    ("limit_impostor_soft_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "IMPOSTOR", "SOFT", "RELIEF"]),
     ("limit_impostor_soft_vs", "limit.hlsl", "VSLimit", VERTEX, &["IMPOSTOR", "SOFT", "RELIEF"]),
-    ("limit_impostor_plain_cs", "limit.hlsl", "CSTransform", COMPUTE, &[RECORDS, "TRANSFORM", "IMPOSTOR", "SOFT"]),
+    ("limit_impostor_plain_cs", "limit.hlsl", "CSTransform", COMPUTE, &[READS_RECORDS, "TRANSFORM", "IMPOSTOR", "SOFT"]),
     ("limit_impostor_plain_vs", "limit.hlsl", "VSLimit", VERTEX, &["IMPOSTOR", "SOFT"]),
     ("limit_floor_vs", "limit.hlsl", "VSFloor", VERTEX, &[]),
     ("limit_floor_ps", "limit.hlsl", "PSFloor", FRAGMENT, &[]),
@@ -132,7 +132,7 @@ fn run() -> Result<(), String> {
         .iter()
         .flat_map(|&(name, file, entry, stage, defines)| {
             let storage = defines
-                .contains(&RECORDS)
+                .contains(&READS_RECORDS)
                 .then(|| (format!("{name}_storage"), [defines, &["STORAGE"]].concat()));
             let plain = (name.to_string(), defines.to_vec());
             let both = std::iter::once(plain).chain(storage);

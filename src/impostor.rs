@@ -75,7 +75,7 @@ pub fn draws(plain_slices: u32) -> [(Look, Range<u32>); IMPOSTOR_DRAWS as usize]
 /// stand below it, side by side: pixels look up the one that their quad's corners chose, and lavapipe samples a picture without
 /// mips, with texels as coordinates, in less time. It is no array of pictures either, which cost more to sample, too.
 ///
-/// The table is a texture. Texel 0 is the grid's width and height, the side of a square and the number of columns.
+/// The table is an array of records, here called texels. Texel 0 is the grid's width and height, the side of a square and the number of columns.
 /// Behind it, for each character:
 /// - a texel for each pose, at least one: the texels of `quad`'s one and of its first view's tile; the texel of the first quad of
 ///   `flat`, and how many there are,

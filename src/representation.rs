@@ -1,7 +1,7 @@
 //! Which representation draws an agent: by projected height, the cheapest one whose error is allowed.
 //!
-//! The mesh meets any pixel error, at a cost that grows with it. An impostor kind costs next to nothing, and its error was
-//! measured beside the mesh. Both are known before a frame begins, so the choice for every height is a short list of ranges
+//! The mesh meets any pixel error, at a cost that grows with it. An impostor kind costs what its quads and their pixels do, and
+//! its error was measured beside the mesh. Both are known before a frame begins, so the choice for every height is a short list of ranges
 //! per character, which the select stage looks up.
 
 use throng_bake::baked::{Baked, Band};
@@ -26,7 +26,8 @@ pub struct CostModel {
     pub quad: f32,
     /// A pixel of a quad.
     pub quad_pixel: f32,
-    /// The same with relief, which `quad` has where agents are large enough to show it.
+    /// The same with relief, which `quad` is taken to have where its own agents are large enough to show it; a renderer goes by the
+    /// longest of the crowd.
     pub relief_pixel: f32,
     /// Side of the squares of pixels that are shaded together, whether a quad covers all of one or a corner, pixels.
     pub pixel_block: f32,

@@ -17,9 +17,14 @@ use throng::gpu_types::{self, LAYOUTS, Layout};
 mod lint;
 
 fn reflect(module: &Module) -> EntryPoint {
+    reflect_with(module, true)
+}
+
+/// With all that is declared, or with what is used.
+fn reflect_with(module: &Module, all: bool) -> EntryPoint {
     let mut entries = ReflectConfig::new()
         .spv(module.spirv)
-        .ref_all_rscs(true)
+        .ref_all_rscs(all)
         .reflect()
         .unwrap_or_else(|e| panic!("{}: {e}", module.name));
     assert_eq!(entries.len(), 1, "{}", module.name);
@@ -258,6 +263,25 @@ fn bindings_are_those_of_the_set_layouts() {
             assert_eq!(nbind, 1, "{}: {name:?}", module.name);
         }
     }
+}
+
+/// A module that reads texel buffers has one that reads storage buffers in their place, and no other has.
+#[test]
+fn what_reads_texel_buffers_also_reads_storage_buffers() {
+    let reads_texels = |module: &&Module| {
+        let used = reflect_with(module, false).vars;
+        used.iter().any(|v| {
+            matches!(v, Variable::Descriptor { desc_ty, .. } if *desc_ty == DescriptorType::UniformTexelBuffer())
+        })
+    };
+    let mut count = 0;
+    for module in MODULES.iter().filter(reads_texels) {
+        let name = format!("{}{}", module.name, bindings::STORAGE_SUFFIX);
+        let twin = MODULES.iter().find(|m| m.name == name);
+        assert!(twin.is_some_and(|m| !reads_texels(&m)), "{name}");
+        count += 1;
+    }
+    assert!(count >= 15, "{count}");
 }
 
 /// An execution mode's operand.

@@ -181,11 +181,11 @@ impl<'a> Capturer<'a> {
         let indices = objects.buffer("capture indices", U::INDEX_BUFFER, &level.indices)?;
         objects.buffer("captures", U::STORAGE_BUFFER, &instances)?;
         objects.buffer("joint groups", U::STORAGE_BUFFER, &groups)?;
-        let records: Vec<_> = objects.buffers[1..]
+        let storage: Vec<_> = objects.buffers[1..]
             .iter()
             .map(|buffer| (Kind::Storage, buffer))
             .collect();
-        write_buffers(cx, self.objects.set, &records);
+        write_buffers(cx, self.objects.set, &storage);
         self.upload_poses(&mut objects, batch)?;
 
         let mut pictures = vec![CapturedView::default(); batch.views.len()];

@@ -70,7 +70,7 @@ pub(crate) struct Capabilities {
 }
 
 impl Capabilities {
-    /// Texel buffers are large enough to hold any crowd and any character; Vulkan only promises 65,536 texels.
+    /// Texel buffers hold five million agents, or as many entries of a palette; Vulkan only promises 65,536 texels.
     pub fn reads_texels(&self) -> bool {
         self.texel_count >= 1 << 24
     }

@@ -144,9 +144,9 @@ pub(crate) struct TableBuffers {
 impl TableBuffers {
     pub fn new(cx: &Context, tables: &Tables, version: u64) -> Result<Self, RenderError> {
         let mut made: Vec<Buffer> = Vec::new();
-        let mut table = |name: &str, texel: vk::Format, bytes: &[u8]| {
+        use vk::BufferUsageFlags as U;
+        let mut table = |name: &str, usage, texel: vk::Format, bytes: &[u8]| {
             let size = bytes.len() as u64;
-            let usage = vk::BufferUsageFlags::STORAGE_BUFFER; // the scan reads bands
             let mut buffer = create_records(
                 cx,
                 name,
@@ -154,18 +154,19 @@ impl TableBuffers {
                 usage,
                 MemoryLocation::CpuToGpu,
                 texel,
-                FEWER_AGENTS,
+                "add fewer characters, or remove some",
             )?;
             buffer.write(0, bytes);
             made.push(buffer);
             Ok(())
         };
         use bytemuck::cast_slice;
-        let result = table("characters", UINT4, cast_slice(&tables.characters))
-            .and_then(|()| table("clips", UINT4, cast_slice(&tables.clips)))
-            .and_then(|()| table("submeshes", UINT4, cast_slice(&tables.submeshes)))
-            .and_then(|()| table("bands", UINT4, cast_slice(&tables.bands)))
-            .and_then(|()| table("levels", UINT2, cast_slice(&tables.levels)));
+        let (none, scanned) = (U::empty(), U::STORAGE_BUFFER);
+        let result = table("characters", none, UINT4, cast_slice(&tables.characters))
+            .and_then(|()| table("clips", none, UINT4, cast_slice(&tables.clips)))
+            .and_then(|()| table("submeshes", none, UINT4, cast_slice(&tables.submeshes)))
+            .and_then(|()| table("bands", scanned, UINT4, cast_slice(&tables.bands)))
+            .and_then(|()| table("levels", none, UINT2, cast_slice(&tables.levels)));
         match (result, made.try_into()) {
             (Ok(()), Ok(buffers)) => Ok(Self { version, buffers }),
             (Err(e), Err(made)) => {
@@ -490,8 +491,8 @@ impl SlotBuffers {
             shard_groups(shape.agents) as u64 * (SELECT_GROUP_SIZE * SELECT_SHARDS) as u64;
         let selected = threads * shape.entry_stride as u64 * size_of::<Selected>() as u64;
         let wanted = [
-            ("agents", agents, storage, CpuToGpu, Some(UINT4)),
-            ("ranges", ranges, storage, CpuToGpu, Some(UINT4)),
+            ("agents", agents, U::empty(), CpuToGpu, Some(UINT4)),
+            ("ranges", ranges, U::empty(), CpuToGpu, Some(UINT4)),
             (
                 "tally",
                 tallies,

@@ -181,7 +181,7 @@ mod tests {
     /// One texel that nobody covers keeps all above it open.
     #[test]
     fn a_pyramid_holds_the_farthest_depth() {
-        let size_px = [70, 50];
+        let size_px = [140, 100];
         let [width, height] = depth_size(size_px);
         assert_eq!((width, height), (35, 25));
         let mut depth = vec![0.5; (width * height) as usize];
@@ -212,7 +212,7 @@ mod tests {
     /// A wall at 4 m covers all but the right end of the picture.
     #[test]
     fn only_what_is_all_behind_is_hidden() {
-        let size_px = [200, 100];
+        let size_px = [400, 200];
         let eye = Vec3::new(0.0, 1.7, 0.0);
         for reversed in [true, false] {
             let mut view = crate::View::perspective(eye, eye + Vec3::NEG_Z, 0.8, 0.1, size_px);
