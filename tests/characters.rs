@@ -2,7 +2,10 @@
 
 mod common;
 
-use common::{assert_silent, baked_mascot, baked_mascot_with_impostors, crowd, options, view};
+use common::{
+    COSTS_OF_EVERY_KIND, assert_silent, baked_mascot, baked_mascot_with_impostors, crowd, options,
+    view,
+};
 use throng::bake::baked::Baked;
 use throng::gpu::{Headless, HeadlessDesc};
 use throng::{CharacterId, FrameReport, Method, RenderError};
@@ -12,6 +15,7 @@ const SIZE: [u32; 2] = [96, 64];
 fn headless() -> Headless {
     Headless::new(&HeadlessDesc {
         size_px: SIZE,
+        costs: Some(COSTS_OF_EVERY_KIND),
         validation: true,
         ..HeadlessDesc::default()
     })

@@ -15,6 +15,7 @@ use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId, FrameOptions, FrameReport, View};
 use crate::reference::occlude::Pyramid;
 use crate::reference::select::Selection;
+use crate::representation::CostModel;
 
 const COLOR: vk::Format = vk::Format::R8G8B8A8_UNORM;
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT;
@@ -33,6 +34,8 @@ pub struct HeadlessDesc {
     pub keep_lists: bool,
     /// [`RendererDesc::storage_records`]: for tests.
     pub storage_records: bool,
+    /// As [`RendererDesc::costs`].
+    pub costs: Option<CostModel>,
     /// The most frames that [`Headless::stream`] draws at once, 1 to 64; [`Headless::render`] draws one.
     pub frames_in_flight: u32,
     /// Impostors' pictures that were baked in blocks stay in them on CPU drivers, too, which then take five times as long for a
@@ -48,6 +51,7 @@ impl Default for HeadlessDesc {
             validation: false,
             keep_lists: false,
             storage_records: false,
+            costs: None,
             frames_in_flight: 1,
             block_textures: false,
         }
@@ -103,7 +107,7 @@ impl Headless {
             reversed_depth: true,
             keep_lists: desc.keep_lists,
             storage_records: desc.storage_records,
-            costs: None,
+            costs: desc.costs,
         };
         // SAFETY: the handles were made above with the required features and are destroyed after the renderer (`Drop`).
         let renderer = unsafe { Renderer::new(&handles, &renderer_desc) }?;
@@ -132,7 +136,7 @@ impl Headless {
     }
 
     /// As [`Renderer::costs`].
-    pub fn costs(&self) -> crate::representation::CostModel {
+    pub fn costs(&self) -> CostModel {
         self.renderer().costs()
     }
 

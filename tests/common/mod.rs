@@ -13,6 +13,7 @@ use throng::bake::impostor::{
     Atlas, ErrorSample, Impostors, Kind, KindInfo, NO_JOINT, PoseRange, Quad, Tile, ViewSet,
 };
 use throng::gpu::{Headless, HeadlessDesc};
+use throng::representation::CostModel;
 use throng::{Agent, CharacterId, FrameOptions, View};
 
 /// A tube of two joints, 1.8 m high, with a hat (another body part), and a textured, see-through, two-sided flag on its
@@ -275,12 +276,24 @@ fn checkers() -> Image {
     }
 }
 
-/// A device with the validation layer on, that keeps its lists.
+/// Costs with which `hybrid` draws something as every kind: quads where they have no relief yet, flat impostors of larger agents.
+pub const COSTS_OF_EVERY_KIND: CostModel = CostModel {
+    mesh: 4000.0,
+    triangle: 75.0,
+    impostor: 1.0,
+    quad: 1000.0,
+    quad_pixel: 1.0,
+    relief_pixel: 1000.0,
+    pixel_block: 4.0,
+};
+
+/// A device with the validation layer on, that keeps its lists and draws every kind.
 pub fn headless(size_px: [u32; 2]) -> Headless {
     Headless::new(&HeadlessDesc {
         size_px,
         validation: true,
         keep_lists: true,
+        costs: Some(COSTS_OF_EVERY_KIND),
         ..Default::default()
     })
     .expect("a Vulkan device and the validation layer (tools/test installs them)")
