@@ -9,14 +9,11 @@ float3 LinearFromSrgb(float3 c)
     return c * (c * (c * 0.305306011 + 0.682171111) + 0.012522878);
 }
 
-// Linear to sRGB, within 0.003 and without a power; clamps to [0, 1].
+// Linear to sRGB, within 0.0022 from 0.002 on and 0.0074 below, without a power and with one root; clamps to [0, 1].
 float3 SrgbFromLinear(float3 c)
 {
-    c = saturate(c);
-    float3 s1 = sqrt(c);
-    float3 s2 = sqrt(s1);
-    float3 s3 = sqrt(s2);
-    return saturate(0.662002687 * s1 + 0.684122060 * s2 - 0.323583601 * s3 - 0.0225411470 * c);
+    float3 s = sqrt(saturate(c));
+    return saturate(s * (s * (s * 0.20294262 - 0.52476281) + 1.35378716) - 0.03196697);
 }
 
 // Share of the haze at a distance.

@@ -241,6 +241,8 @@ struct FrameConstants
     uint entry_stride; // the most entries of the selected buffer that an agent has
     float3 haze;
     float haze_per_metre;
+    float3 haze_square; // of its sRGB-encoded colour
+    uint plain_slices; // so many of the farthest slices have quads whose relief is too small to see
     uint flags;
     float pixel_angle; // metres in a pixel per metre of distance
     uint ground_color; // square roots of red, green, blue in bytes from the lowest, and GROUND_PLAIN; 0: paved
@@ -250,9 +252,9 @@ struct FrameConstants
     uint left_px; // of the picture in its attachment
     uint top_px;
     float stretch_share_min; // StretchShare in the picture's corners; 1 in usual fields of view
-    uint plain_slices; // so many of the farthest slices have quads whose relief is too small to see
     uint padding0;
     uint padding1;
+    uint padding2;
 };
 
 // A character's constants for drawing.

@@ -11,21 +11,44 @@
 
 // Metres of a slab, and the share of it that is joint.
 static const float SLAB = 1.2;
+static const float SLABS_PER_METRE = 1.0 / SLAB;
 static const float JOINT = 0.03;
+
+// What pixels of the ground get from the vertex shader: lavapipe looks up constants of a buffer lane by lane in pixel shaders.
+struct GroundConstants
+{
+    float4 light_x; // linear colour of the light on the ground; the eye's x
+    float4 haze_z; // linear colour of the haze; the eye's z
+    float4 plain; // reflectance, where the last is 1; 0: paved
+    float2 eye_haze; // square of the eye's height; haze per metre
+};
+
+GroundConstants ConstantsOfGround()
+{
+    uint plain = frame.ground_color;
+    float3 root = float3(plain & 0xffu, (plain >> 8) & 0xffu, (plain >> 16) & 0xffu) * (1.0 / 255.0);
+    GroundConstants o;
+    o.light_x = float4(frame.sun * saturate(frame.to_sun.y) + frame.sky, frame.eye.x);
+    o.haze_z = float4(frame.haze, frame.eye.z);
+    o.plain = float4(root * root, (plain & GROUND_PLAIN) != 0u ? 1.0 : 0.0);
+    o.eye_haze = float2(frame.eye.y * frame.eye.y, frame.haze_per_metre);
+    return o;
+}
 
 // Share of a pixel's footprint that is joint, by axis.
 float2 JointShare(float2 p, float2 width)
 {
     float2 a = p + 0.5 * width;
     float2 b = p - 0.5 * width;
-    return saturate((floor(a) + min(frac(a) / JOINT, 1.0) - floor(b) - min(frac(b) / JOINT, 1.0)) * JOINT / width);
+    float2 joints = floor(a) - floor(b) + saturate(frac(a) * (1.0 / JOINT)) - saturate(frac(b) * (1.0 / JOINT));
+    return saturate(joints * (JOINT / width));
 }
 
-// Reflectance of the paving at an offset from the camera's foot point, metres. Takes derivatives.
-float3 PavingColor(float2 offset)
+// Reflectance of the paving at an offset from the camera's foot point `eye`, metres. Takes derivatives.
+float3 PavingColor(float2 eye, float2 offset)
 {
-    float2 p = (frame.eye.xz + offset) / SLAB;
-    float2 width = max(abs(ddx(offset)) + abs(ddy(offset)), 1e-4) / SLAB;
+    float2 p = (eye + offset) * SLABS_PER_METRE;
+    float2 width = max(abs(ddx(offset)) + abs(ddy(offset)), 1e-4) * SLABS_PER_METRE;
     float2 joint_share = JointShare(p, width);
     float joint = 1.0 - (1.0 - joint_share.x) * (1.0 - joint_share.y);
 
@@ -39,22 +62,15 @@ float3 PavingColor(float2 offset)
 }
 
 // Linear colour of the ground at an offset from the camera's foot point, metres. For pixel shaders.
-float3 GroundColor(float2 offset)
+float3 GroundColor(GroundConstants constants, float2 offset)
 {
-    uint plain = frame.ground_color;
-    float3 albedo = float3(plain & 0xffu, (plain >> 8) & 0xffu, (plain >> 16) & 0xffu) * (1.0 / 255.0);
-    albedo *= albedo;
-    if ((plain & GROUND_PLAIN) == 0u)
-    {
-        albedo = PavingColor(offset);
-    }
-
-    float3 light = frame.sun * saturate(frame.to_sun.y) + frame.sky;
-    float distance = sqrt(dot(offset, offset) + frame.eye.y * frame.eye.y);
-    float haze = HazeShare(distance, frame.haze_per_metre);
+    float3 paving = PavingColor(float2(constants.light_x.w, constants.haze_z.w), offset);
+    float3 albedo = constants.plain.w > 0.5 ? constants.plain.rgb : paving;
+    float distance = sqrt(dot(offset, offset) + constants.eye_haze.x);
+    float haze = HazeShare(distance, constants.eye_haze.y);
     // The horizon itself is all haze.
     haze = lerp(haze, 1.0, saturate(distance * (1.0 / 4000.0)));
-    return lerp(albedo * light, frame.haze, haze);
+    return lerp(albedo * constants.light_x.rgb, constants.haze_z.rgb, haze);
 }
 
 // What a target holds of a linear colour.

@@ -8,8 +8,7 @@
 
 [[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
 [[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
-[[vk::binding(5, 2)]] SamplerState color_sampler; // both take texels as coordinates: the pictures have no mips
-[[vk::binding(6, 2)]] SamplerState surface_sampler;
+[[vk::binding(5, 2)]] SamplerState color_sampler;
 
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
 
@@ -25,18 +24,18 @@ static const float RIM_BEHIND = 2.0;
 struct Interpolants
 {
     float4 position : SV_Position;
-    float3 uv_height : TEXCOORD0; // texels of the gallery; metres above the agent's ground
-    nointerpolation float3 sun : TEXCOORD1; // towards it in the picture's axes
-    nointerpolation float4 up_haze : TEXCOORD2; // world +Y in the picture's axes; haze's share
-    nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of a soft picture that is shown
+    float4 uv_height_depth : TEXCOORD0; // place in the gallery; metres above the agent's ground; plane before the quad's centre, in its extents
+    nointerpolation float4 sun_shift : TEXCOORD1; // towards it in the picture's axes; shift in the gallery by a depth extent before the plane
+    nointerpolation float4 up_shift : TEXCOORD2; // world +Y in the picture's axes; the shift's other coordinate
+    nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of the picture that is shown, less 2 where it is the part that the fade leaves
+    nointerpolation float4 sunlight_haze : TEXCOORD4; // what haze lets through; the red that it adds
+    nointerpolation float4 skylight_haze : TEXCOORD5; // and green
+    nointerpolation float4 groundlight_haze : TEXCOORD6; // and blue
 #if defined(RELIEF)
-    float depth : TEXCOORD4; // of the plane before the quad's centre, in its extents
-    nointerpolation float4 bounds : TEXCOORD5; // of the picture in the gallery
-    nointerpolation float2 shift : TEXCOORD6; // in the gallery by a depth extent before the plane
+    nointerpolation float4 bounds : TEXCOORD7; // of the picture in the gallery
 #elif !defined(SOFT)
-    float3 depths : TEXCOORD4; // clip-space z and w; plane before the quad's centre, in its extents
-    nointerpolation float2 depth_step : TEXCOORD5; // clip-space z and w of a step from the centre to the near end of the depths
-    nointerpolation uint pose_fade : TEXCOORD6;
+    float2 plane_zw : TEXCOORD7; // clip space
+    nointerpolation float4 depth_step_corner : TEXCOORD8; // clip-space z and w of a step from the centre to the near end of the depths; pixels of the picture's corner
 #endif
 };
 
@@ -48,23 +47,32 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
-    float3 in_gallery = GalleryFrom(placed.atlas, placed.mip);
-    o.uv_height = float3(placed.uv * in_gallery.x + in_gallery.yz, placed.corner.y - instance.position.y);
+    float4 in_gallery = GalleryFrom(placed.atlas, placed.mip);
+    o.uv_height_depth = float4(
+        placed.uv * in_gallery.xy + in_gallery.zw, placed.corner.y - instance.position.y, placed.depth / placed.depth_extent);
+    float2 shift = placed.shift * in_gallery.xy;
     float3 sun = frame.to_sun;
-    o.sun = float3(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun));
-    float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
-    o.up_haze = float4(placed.right.y, placed.up.y, placed.towards.y, haze);
+    o.sun_shift = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), shift.x);
+    o.up_shift = float4(placed.right.y, placed.up.y, placed.towards.y, shift.y);
     float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
-    share = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u ? 1.0 - share : share;
+    bool fades_out = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u;
+#if defined(SOFT)
+    share = fades_out ? 1.0 - share : share;
+#else
+    share = fades_out ? share - 2.0 : share;
+#endif
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
+    // Pixels get all constants so: lavapipe looks up those of a buffer lane by lane in pixel shaders.
+    float haze = HazeShare(length(frame.eye - instance.position), frame.haze_per_metre);
+    o.sunlight_haze = float4(frame.sun * (1.0 - haze), frame.haze.r * haze);
+    o.skylight_haze = float4(frame.sky * (1.0 - haze), frame.haze.g * haze);
+    o.groundlight_haze = float4(frame.ground * (1.0 - haze), frame.haze.b * haze);
 #if defined(RELIEF)
-    o.depth = placed.depth / placed.depth_extent;
-    o.bounds = placed.bounds * in_gallery.x + in_gallery.yzyz;
-    o.shift = placed.shift * in_gallery.x;
+    o.bounds = placed.bounds * in_gallery.xyxy + in_gallery.zwzw;
 #elif !defined(SOFT)
-    o.depths = float3(o.position.zw, placed.depth / placed.depth_extent);
-    o.depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
-    o.pose_fade = instance.live_vertex_count;
+    o.plane_zw = o.position.zw;
+    float2 depth_step = mul(frame.clip_from_world, float4(placed.towards * placed.depth_extent, 0.0)).zw;
+    o.depth_step_corner = float4(depth_step, frame.left_px, frame.top_px);
 #endif
     return o;
 }
@@ -84,15 +92,10 @@ float3 Lit(Interpolants i, float3 root, float4 surface)
     float2 xy = surface.xy * (255.0 / 127.0) - 128.0 / 127.0;
     float3 normal = float3(xy, sqrt(saturate(1.0 - dot(xy, xy))));
     float3 albedo = root * root * TintOf(i.tint_share.xyz, surface.z * 255.0);
-    float3 light = LightOn(dot(normal, i.sun), dot(normal, i.up_haze.xyz), normal.z, Openness(i.uv_height.z));
-    return lerp(albedo * light, frame.haze, i.up_haze.w);
-}
-
-// Linear to sRGB within 0.01, with one root.
-float3 EncodedColor(float3 color)
-{
-    float3 s = sqrt(saturate(color));
-    return s * (1.13 - 0.13 * s);
+    Light light = { i.sunlight_haze.rgb, i.skylight_haze.rgb, i.groundlight_haze.rgb };
+    float3 lit = albedo
+        * LightOn(light, dot(normal, i.sun_shift.xyz), dot(normal, i.up_shift.xyz), normal.z, Openness(i.uv_height_depth.z));
+    return lit + float3(i.sunlight_haze.w, i.skylight_haze.w, i.groundlight_haze.w);
 }
 
 // What covers a share of a pixel, to be blended over what is behind it.
@@ -102,7 +105,7 @@ float4 Covering(float3 lit, float coverage)
     {
         return float4(lit * coverage, coverage);
     }
-    float3 encoded = EncodedColor(lit);
+    float3 encoded = SrgbFromLinear(lit);
     // Encoded colours do not blend as light does: an edge that is darker than what is behind it, which is about as bright as
     // the ground, would come out too dark.
     float share = coverage - coverage * (1.0 - coverage) * (BEHIND - encoded.g);
@@ -115,18 +118,18 @@ float4 Covering(float3 lit, float coverage)
 // Where that is too little to see, the variant without RELIEF leaves it out.
 float4 PSMain(Interpolants i) : SV_Target
 {
-    float2 uv = i.uv_height.xy;
+    float2 uv = i.uv_height_depth.xy;
 #ifdef RELIEF
-    float before = surface_texture.SampleLevel(surface_sampler, uv, 0.0).w * 2.0 - 1.0 - i.depth;
-    uv = clamp(uv + before * i.shift, i.bounds.xy, i.bounds.zw);
+    float before = surface_texture.Sample(nearest_sampler, uv).w * 2.0 - 1.0 - i.uv_height_depth.w;
+    uv = clamp(uv + before * float2(i.sun_shift.w, i.up_shift.w), i.bounds.xy, i.bounds.zw);
 #endif
-    float4 color = color_texture.SampleLevel(color_sampler, uv, 0.0);
+    float4 color = color_texture.Sample(color_sampler, uv);
     float coverage = color.a * i.tint_share.w;
     if (coverage < SOFT_EDGE)
     {
         discard;
     }
-    float4 surface = surface_texture.SampleLevel(surface_sampler, uv, 0.0);
+    float4 surface = surface_texture.Sample(nearest_sampler, uv);
     float3 lit = Lit(i, color.rgb, surface);
     return Covering(lit, coverage);
 }
@@ -135,19 +138,20 @@ float4 PSMain(Interpolants i) : SV_Target
 // what is behind it, by the depth of what it shows, and the rim around it blends from behind the body.
 float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
 {
-    float4 color = color_texture.SampleLevel(color_sampler, i.uv_height.xy, 0.0);
+    float4 color = color_texture.Sample(color_sampler, i.uv_height_depth.xy);
     // A fade draws a share of the pixels, or all but that share.
-    uint bits = i.pose_fade;
-    float fade = float((bits >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
-    bool shown = (DitherThreshold(i.position.xy - float2(frame.left_px, frame.top_px)) < fade) != ((bits & IMPOSTOR_FADES_OUT) != 0u);
+    bool fades_out = i.tint_share.w < -0.5;
+    float fade = fades_out ? i.tint_share.w + 2.0 : i.tint_share.w;
+    bool shown = (DitherThreshold(i.position.xy - i.depth_step_corner.zw) < fade) != fades_out;
     if (color.a < SOFT_EDGE || !shown)
     {
         discard;
     }
     bool is_core = color.a >= CORE;
-    float4 surface = surface_texture.SampleLevel(surface_sampler, i.uv_height.xy, 0.0);
+    float4 surface = surface_texture.Sample(nearest_sampler, i.uv_height_depth.xy);
     float3 lit = Lit(i, color.rgb, surface);
-    float2 zw = i.depths.xy + i.depth_step * (surface.w * 2.0 - 1.0 - i.depths.z - (is_core ? 0.0 : RIM_BEHIND));
+    float before = surface.w * 2.0 - 1.0 - i.uv_height_depth.w - (is_core ? 0.0 : RIM_BEHIND);
+    float2 zw = i.plane_zw + i.depth_step_corner.xy * before;
     depth = saturate(zw.x / max(zw.y, 1e-6));
     return Covering(lit, is_core ? 1.0 : color.a);
 }

@@ -8,7 +8,7 @@
 [[vk::binding(0, 0)]] ConstantBuffer<FrameConstants> frame;
 [[vk::binding(0, 2)]] RECORDS(float4) gallery; // src/impostor.rs says what is where
 [[vk::binding(1, 2)]] TextureCubeArray<float4> cells_texture; // three views; by view set
-[[vk::binding(4, 2)]] SamplerState nearest_sampler;
+[[vk::binding(4, 2)]] SamplerState nearest_sampler; // of pictures without mips, as the other
 [[vk::push_constant]] ConstantBuffer<DrawConstants> draw;
 
 #include "light.hlsli"
@@ -34,16 +34,17 @@ struct Placed
     float mip; // a whole number
 };
 
-// Where texels of a mip of an atlas are in the gallery's pictures, as a factor and what to add: atlases stand in rows of a grid,
-// and coarser mips of all of them below it, side by side.
-float3 GalleryFrom(float atlas, float mip)
+// Where texels of a mip of an atlas are in the gallery's pictures, as factors and what to add: atlases stand in rows of a grid,
+// and coarser mips of all of them below it, side by side, in half the grid's height.
+float4 GalleryFrom(float atlas, float mip)
 {
     float4 grid = gallery[0u]; // width and height of the first mip; width of an atlas's place in it; columns
     float row = floor((atlas + 0.5) / grid.w);
     float column = atlas - row * grid.w;
     float share = exp2(-mip);
     float2 origin = mip < 0.5 ? float2(0.0, 0.0) : float2(grid.x - 2.0 * share * grid.x, grid.y);
-    return float3(share, share * grid.z * float2(column, row) + origin);
+    float2 texel = 1.0 / float2(grid.x, 1.5 * grid.y);
+    return float4(share * texel, (share * grid.z * float2(column, row) + origin) * texel);
 }
 
 // A quad of an instance: where the gallery's table has it and its first view's tile, and model space from the quad's space.

@@ -1,17 +1,25 @@
-// The crowd's light, which meshes and impostors share. Reads the constant buffer `frame`.
+// The crowd's light, which meshes and impostors share.
 
 #ifndef THRONG_LIGHT
 #define THRONG_LIGHT
 
+// Linear colours of what shines.
+struct Light
+{
+    float3 sun;
+    float3 sky;
+    float3 ground;
+};
+
 // Sun with a slight wrap, sky and ground by the normal's height, a rim of sky, darker near the ground.
 // In: the normal's cosines to the sun, to world +Y and to the eye.
-float3 LightOn(float to_sun, float to_sky, float to_eye, float openness)
+float3 LightOn(Light light, float to_sun, float to_sky, float to_eye, float openness)
 {
     float sun = saturate(to_sun * 0.85 + 0.15);
-    float3 hemisphere = lerp(frame.ground, frame.sky, to_sky * 0.5 + 0.5);
+    float3 hemisphere = lerp(light.ground, light.sky, to_sky * 0.5 + 0.5);
     float rim = 1.0 - saturate(to_eye);
     rim *= rim;
-    return frame.sun * sun + (hemisphere + frame.sky * (0.35 * rim * rim)) * openness;
+    return light.sun * sun + (hemisphere + light.sky * (0.35 * rim * rim)) * openness;
 }
 
 // Share of the sky that reaches a point this many metres above its agent's ground.

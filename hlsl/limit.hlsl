@@ -7,10 +7,12 @@
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
-#if defined(SOFT) && !defined(RELIEF)
-#define LIMIT_ROWS 5
+#if defined(RELIEF)
+#define LIMIT_ROWS 9
+#elif defined(SOFT)
+#define LIMIT_ROWS 8
 #else
-#define LIMIT_ROWS 7
+#define LIMIT_ROWS 10
 #endif
 #else
 #include "mesh.hlsl"
@@ -38,8 +40,15 @@ struct TransformedVertex
     [[vk::location(4)]] float4 row4 : ATTRIBUTE4;
 #endif
 #if LIMIT_ROWS > 5
-    [[vk::location(5)]] uint4 row5 : ATTRIBUTE5;
+    [[vk::location(5)]] float4 row5 : ATTRIBUTE5;
     [[vk::location(6)]] float4 row6 : ATTRIBUTE6;
+    [[vk::location(7)]] float4 row7 : ATTRIBUTE7;
+#endif
+#if LIMIT_ROWS > 8
+    [[vk::location(8)]] float4 row8 : ATTRIBUTE8;
+#endif
+#if LIMIT_ROWS > 9
+    [[vk::location(9)]] float4 row9 : ATTRIBUTE9;
 #endif
 };
 
@@ -74,16 +83,18 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     uint row = (draw.probe_output + thread.y * draw.probe_vertex_count + thread.x) * LIMIT_ROWS;
     transformed[row] = i.position;
 #ifdef IMPOSTOR
-    transformed[row + 1u] = float4(i.uv_height, 0.0);
-    transformed[row + 2u] = float4(i.sun, 0.0);
-    transformed[row + 3u] = i.up_haze;
+    transformed[row + 1u] = i.uv_height_depth;
+    transformed[row + 2u] = i.sun_shift;
+    transformed[row + 3u] = i.up_shift;
     transformed[row + 4u] = i.tint_share;
+    transformed[row + 5u] = i.sunlight_haze;
+    transformed[row + 6u] = i.skylight_haze;
+    transformed[row + 7u] = i.groundlight_haze;
 #if defined(RELIEF)
-    transformed[row + 5u] = i.bounds;
-    transformed[row + 6u] = float4(i.shift, i.depth, 0.0);
+    transformed[row + 8u] = i.bounds;
 #elif !defined(SOFT)
-    transformed[row + 5u] = float4(i.depths, asfloat(i.pose_fade));
-    transformed[row + 6u] = float4(i.depth_step, 0.0, 0.0);
+    transformed[row + 8u] = float4(i.plane_zw, 0.0, 0.0);
+    transformed[row + 9u] = i.depth_step_corner;
 #endif
 #else
     transformed[row + 1u] = i.color;
@@ -103,23 +114,24 @@ Interpolants VSLimit(TransformedVertex v)
     Interpolants o;
     o.position = v.position;
 #ifdef IMPOSTOR
-    o.uv_height = v.row1.xyz;
-    o.sun = v.row2.xyz;
-    o.up_haze = v.row3;
+    o.uv_height_depth = v.row1;
+    o.sun_shift = v.row2;
+    o.up_shift = v.row3;
     o.tint_share = v.row4;
+    o.sunlight_haze = v.row5;
+    o.skylight_haze = v.row6;
+    o.groundlight_haze = v.row7;
 #if defined(RELIEF)
-    o.bounds = asfloat(v.row5);
-    o.shift = v.row6.xy;
-    o.depth = v.row6.z;
+    o.bounds = v.row8;
 #elif !defined(SOFT)
-    o.depths = asfloat(v.row5.xyz);
-    o.pose_fade = v.row5.w;
-    o.depth_step = v.row6.xy;
+    o.plane_zw = v.row8.xy;
+    o.depth_step_corner = v.row9;
 #endif
 #else
     o.color = v.row1;
 #ifdef TEXTURED
     o.uv_layer = v.row2;
+    o.haze_square = frame.haze_square;
 #endif
 #if defined(TEXTURED) && defined(DOUBLE_SIDED)
     o.color_back = v.row3.xyz;

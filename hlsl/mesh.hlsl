@@ -23,6 +23,7 @@ struct Interpolants
     float4 color : COLOR0; // sRGB-encoded lit colour, linear alpha
 #ifdef TEXTURED
     float4 uv_layer : TEXCOORD0; // w: share of light that haze lets through
+    nointerpolation float3 haze_square : TEXCOORD1; // of its encoded colour
 #endif
 #ifdef DOUBLE_SIDED
     float3 color_back : COLOR1; // lit from the other side
@@ -52,15 +53,17 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 #endif
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(skinned.position, 1.0));
-    float3 front = lerp(color.rgb * LightOn(cosines.x, cosines.y, cosines.z, openness), frame.haze, haze);
+    Light light = { frame.sun, frame.sky, frame.ground };
+    float3 front = lerp(color.rgb * LightOn(light, cosines.x, cosines.y, cosines.z, openness), frame.haze, haze);
     o.color = float4(SrgbFromLinear(front), color.a);
 #ifdef DOUBLE_SIDED
-    float3 back = lerp(color.rgb * LightOn(-cosines.x, -cosines.y, -cosines.z, openness), frame.haze, haze);
+    float3 back = lerp(color.rgb * LightOn(light, -cosines.x, -cosines.y, -cosines.z, openness), frame.haze, haze);
     o.color_back = SrgbFromLinear(back);
 #endif
 #ifdef TEXTURED
     float2 uv = float2(v.head.w & 0xffffu, v.head.w >> 16) * (1.0 / 65535.0);
     o.uv_layer = float4(character.uv_min + character.uv_extent * uv, float((v.head.y >> 16) & 0xffu), clear);
+    o.haze_square = frame.haze_square;
 #endif
     return o;
 }
@@ -78,8 +81,7 @@ float4 PSMain(Interpolants i) : SV_Target
 #ifdef TEXTURED
     color *= albedo_texture.Sample(albedo_sampler, i.uv_layer.xyz);
     // Light mixes linearly, as it does for vertices without a texture: squares are near enough to linear colour.
-    float3 haze = SrgbFromLinear(frame.haze);
-    color.rgb = sqrt(lerp(haze * haze, color.rgb * color.rgb, i.uv_layer.w));
+    color.rgb = sqrt(lerp(i.haze_square, color.rgb * color.rgb, i.uv_layer.w));
 #endif
     if (ALPHA_TESTED)
     {

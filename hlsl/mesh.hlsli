@@ -24,9 +24,10 @@ struct PackedVertex
 uint LivingAncestor(uint vertex, uint live_vertex_count)
 {
     uint last_alive = live_vertex_count - 1u;
+    uint first_vertex = draw.first_vertex; // constants are read lane by lane within loops
     while (vertex > last_alive)
     {
-        vertex = parents[draw.first_vertex + vertex];
+        vertex = parents[first_vertex + vertex];
     }
     return vertex;
 }
@@ -114,7 +115,7 @@ Skinned SkinVertex(PackedVertex v, Instance instance)
     float4 bind = float4(DecodePosition(v), 1.0);
     float3 normal = DecodeNormal(v);
     // Influences that were left out leave their weight to the others.
-    float3 model = float3(dot(row0, bind), dot(row1, bind), dot(row2, bind)) / sum;
+    float3 model = float3(dot(row0, bind), dot(row1, bind), dot(row2, bind)) * (1.0 / sum);
     float3 n = float3(dot(row0.xyz, normal), dot(row1.xyz, normal), dot(row2.xyz, normal));
     float scale = sqrt(instance.heading_cos * instance.heading_cos + instance.heading_sin * instance.heading_sin);
 

@@ -11,6 +11,9 @@ struct Interpolants
 {
     float4 position : SV_Position;
     float3 direction : TEXCOORD0; // world, any length
+    // Pixels get all constants so: lavapipe looks up those of a buffer lane by lane in pixel shaders.
+    nointerpolation float3 zenith : TEXCOORD1; // linear colours
+    nointerpolation float3 horizon : TEXCOORD2;
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID)
@@ -26,6 +29,8 @@ Interpolants VSMain(uint vertex : SV_VertexID)
     // A point between near and far in the same column of clip space, seen from the eye.
     float4 world = mul(frame.world_from_clip, float4(corner, 0.5, 1.0));
     o.direction = world.xyz / world.w - frame.eye;
+    o.zenith = frame.sky * float3(0.45, 0.75, 1.15);
+    o.horizon = frame.haze;
     return o;
 }
 
@@ -35,6 +40,6 @@ float4 PSMain(Interpolants i) : SV_Target
     float share = 1.0 - elevation;
     share *= share;
     share *= share;
-    float3 color = lerp(frame.sky * float3(0.45, 0.75, 1.15), frame.haze, share);
+    float3 color = lerp(i.zenith, i.horizon, share);
     return float4(SRGB_TARGET ? saturate(color) : SrgbFromLinear(color), 1.0);
 }

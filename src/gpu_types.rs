@@ -275,6 +275,8 @@ shared_structs! {
         entry_stride: u32,
         haze: [f32; 3],
         haze_per_metre: f32,
+        haze_square: [f32; 3],
+        plain_slices: u32,
         flags: u32,
         pixel_angle: f32,
         ground_color: u32,
@@ -284,9 +286,9 @@ shared_structs! {
         left_px: u32,
         top_px: u32,
         stretch_share_min: f32,
-        plain_slices: u32,
         padding0: u32,
         padding1: u32,
+        padding2: u32,
     }
     /// A character's constants for drawing.
     struct CharacterConstants {

@@ -73,7 +73,7 @@ pub fn draws(plain_slices: u32) -> [(Look, Range<u32>); IMPOSTOR_DRAWS as usize]
 /// The impostors of all characters as the device reads them: a table, cube maps of view cells, and all atlases on a grid of
 /// squares in one picture. What a character had is free for others once it is removed; nobody else's moves. The grid's coarser mips
 /// stand below it, side by side: pixels look up the one that their quad's corners chose, and lavapipe samples a picture without
-/// mips, with texels as coordinates, in less time. It is no array of pictures either, which cost more to sample, too.
+/// mips in less time. It is no array of pictures either, which cost more to sample, too.
 ///
 /// The table is an array of records, here called texels. Texel 0 is the grid's width and height, the side of a square and the number of columns.
 /// Behind it, for each character:

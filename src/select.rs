@@ -3,6 +3,7 @@
 
 use ash::vk;
 use glam::{Mat4, Vec4};
+use throng_bake::texture::encode_srgb;
 
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu::{Access, Commands, Drawing, list_bytes};
@@ -36,6 +37,7 @@ pub fn frame_constants(
 ) -> FrameConstants {
     let clip_from_world = view.clip_from_world();
     let light = &options.light;
+    let haze = light.sky * HAZE_OF_SKY;
     let mut flags = 0;
     if matches!(options.method, Method::Full | Method::Uninstanced) {
         flags |= FLAG_FULL_DETAIL;
@@ -63,8 +65,10 @@ pub fn frame_constants(
         bin_count: tables.bands.len() as u32,
         ground: light.ground.into(),
         entry_stride: tables.entry_stride(),
-        haze: (light.sky * HAZE_OF_SKY).into(),
+        haze: haze.into(),
         haze_per_metre: HAZE_PER_METRE,
+        haze_square: haze.to_array().map(|c| encode_srgb(c).powi(2)),
+        plain_slices: 0,
         flags,
         pixel_angle: view.pixel_angle(),
         ground_color: options.ground_color.map_or(0, packed_color),
@@ -74,9 +78,9 @@ pub fn frame_constants(
         left_px: view.offset_px[0],
         top_px: view.offset_px[1],
         stretch_share_min: stretch_share_min(view),
-        plain_slices: 0,
         padding0: 0,
         padding1: 0,
+        padding2: 0,
     }
 }
 

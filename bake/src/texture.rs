@@ -118,15 +118,19 @@ pub fn linear_from_srgb(byte: u8) -> f32 {
     }
 }
 
-/// Nearest sRGB byte of a linear value.
-pub fn srgb_from_linear(linear: f32) -> u8 {
+/// A linear value as sRGB encodes it, both 0 to 1.
+pub fn encode_srgb(linear: f32) -> f32 {
     let l = linear.clamp(0.0, 1.0);
-    let s = if l <= 0.0031308 {
+    if l <= 0.0031308 {
         l * 12.92
     } else {
         1.055 * l.powf(1.0 / 2.4) - 0.055
-    };
-    (s * 255.0).round() as u8
+    }
+}
+
+/// Nearest sRGB byte of a linear value.
+pub fn srgb_from_linear(linear: f32) -> u8 {
+    (encode_srgb(linear) * 255.0).round() as u8
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use rayon::prelude::*;
 
 use super::output::write_file;
+use throng::bake::texture::{linear_from_srgb, srgb_from_linear};
 
 /// Averages blocks of `factor` x `factor` pixels as light adds up: sRGB to linear, mean, back to sRGB. Alpha, which is
 /// linear, is averaged as it is.
@@ -40,24 +41,6 @@ pub fn average(pixels: &[[u8; 4]], width: usize, height: usize, factor: usize) -
             }
         });
     averaged
-}
-
-fn linear_from_srgb(value: u8) -> f32 {
-    let v = f32::from(value) / 255.0;
-    if v <= 0.04045 {
-        v / 12.92
-    } else {
-        ((v + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-fn srgb_from_linear(v: f32) -> u8 {
-    let s = if v <= 0.003_130_8 {
-        v * 12.92
-    } else {
-        1.055 * v.powf(1.0 / 2.4) - 0.055
-    };
-    (s * 255.0).round() as u8
 }
 
 /// Writes a PNG without alpha, whole or not at all.

@@ -50,10 +50,10 @@ pub const DRAW: &[Kind] = &[Uniform, Storage];
 pub const CHARACTER: &[Kind] = &[Uniform, Texels, Texels, Texels, Image, Sampler];
 /// The same for devices whose texel buffers are small.
 pub const CHARACTER_STORAGE: &[Kind] = &[Uniform, Storage, Storage, Storage, Image, Sampler];
-/// The gallery's table, cells, colours and surfaces; the samplers of cells, of colours and of surfaces.
-pub const GALLERY: &[Kind] = &[Texels, Image, Image, Image, Sampler, Sampler, Sampler];
+/// The gallery's table, cells, colours and surfaces; the samplers of cells and surfaces, and of colours.
+pub const GALLERY: &[Kind] = &[Texels, Image, Image, Image, Sampler, Sampler];
 /// The same for devices whose texel buffers are small.
-pub const GALLERY_STORAGE: &[Kind] = &[Storage, Image, Image, Image, Sampler, Sampler, Sampler];
+pub const GALLERY_STORAGE: &[Kind] = &[Storage, Image, Image, Image, Sampler, Sampler];
 /// A probe's output, or what `limit` keeps.
 pub const PROBE: &[Kind] = &[Storage];
 /// The capture stage's pictures and the groups of joints.

@@ -46,7 +46,7 @@ pub(crate) fn descriptor_pool(
         (vk::DescriptorType::STORAGE_BUFFER, buffers.max(1)),
         (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, buffers.max(1)),
         (vk::DescriptorType::SAMPLED_IMAGE, 4 * sets),
-        (vk::DescriptorType::SAMPLER, 3 * sets),
+        (vk::DescriptorType::SAMPLER, 2 * sets),
     ]
     .map(|(ty, count)| vk::DescriptorPoolSize {
         ty,

@@ -256,8 +256,9 @@ impl Look {
     fn rows(self) -> u32 {
         match self {
             Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
-            Self::Impostor(impostor::Look::Plain) => 5,
-            Self::Impostor(_) => 7,
+            Self::Impostor(impostor::Look::Plain) => 8,
+            Self::Impostor(impostor::Look::Soft) => 9,
+            Self::Impostor(impostor::Look::Flat) => 10,
         }
     }
 

@@ -285,11 +285,7 @@ impl Gallery {
         });
         self.pool = descriptor_pool(cx, "impostors' sets", 1, 1)?;
         self.set = allocate_set(cx, "impostors' set", self.pool, pipelines.gallery_set)?;
-        let samplers = [
-            pipelines.nearest_sampler,
-            pipelines.texel_sampler,
-            pipelines.nearest_texel_sampler,
-        ];
+        let samplers = [pipelines.nearest_sampler, pipelines.linear_sampler];
         write_buffers(cx, self.set, &[(records::kind(cx), &self.table)]);
         write_images(cx, self.set, bindings::GALLERY, &self.images, &samplers);
         Ok(())

@@ -66,11 +66,11 @@ pub(crate) struct Pipelines {
     pub ground: vk::Pipeline,
     pub shadow: vk::Pipeline,
     pub sky: vk::Pipeline,
+    /// Of a picture that repeats and has mips.
     pub sampler: vk::Sampler,
+    /// Of pictures without mips.
     pub nearest_sampler: vk::Sampler,
-    /// Coordinates are texels of a picture without mips.
-    pub texel_sampler: vk::Sampler,
-    pub nearest_texel_sampler: vk::Sampler,
+    pub linear_sampler: vk::Sampler,
     mesh: HashMap<MeshVariant, vk::Pipeline>,
     formats: Formats,
 }
@@ -151,10 +151,7 @@ impl Input {
                     .map(|location| vk::VertexInputAttributeDescription {
                         location,
                         binding: 0,
-                        format: match location {
-                            5 => vk::Format::R32G32B32A32_UINT,
-                            _ => vk::Format::R32G32B32A32_SFLOAT,
-                        },
+                        format: vk::Format::R32G32B32A32_SFLOAT,
                         offset: 16 * location,
                     })
                     .collect(),
@@ -319,28 +316,13 @@ impl Pipelines {
             },
         )?;
         use vk::Filter as F;
-        for (to, name, filter, in_texels) in [
-            (&mut self.sampler, "linear sampler", F::LINEAR, false),
-            (
-                &mut self.nearest_sampler,
-                "nearest sampler",
-                F::NEAREST,
-                false,
-            ),
-            (
-                &mut self.texel_sampler,
-                "linear sampler of texels",
-                F::LINEAR,
-                true,
-            ),
-            (
-                &mut self.nearest_texel_sampler,
-                "nearest sampler of texels",
-                F::NEAREST,
-                true,
-            ),
+        let (nearest, linear) = (&mut self.nearest_sampler, &mut self.linear_sampler);
+        for (to, name, filter, has_mips) in [
+            (&mut self.sampler, "sampler of mips", F::LINEAR, true),
+            (nearest, "nearest sampler", F::NEAREST, false),
+            (linear, "linear sampler", F::LINEAR, false),
         ] {
-            *to = sampler(cx, name, filter, in_texels)?;
+            *to = sampler(cx, name, filter, has_mips)?;
         }
         Ok(())
     }
@@ -553,8 +535,7 @@ impl Pipelines {
             }
             d.destroy_sampler(self.sampler, None);
             d.destroy_sampler(self.nearest_sampler, None);
-            d.destroy_sampler(self.texel_sampler, None);
-            d.destroy_sampler(self.nearest_texel_sampler, None);
+            d.destroy_sampler(self.linear_sampler, None);
             for layout in [
                 self.select_layout,
                 self.reduce_layout,
@@ -602,24 +583,21 @@ fn instance_attributes() -> [vk::VertexInputAttributeDescription; 4] {
     .unwrap_or_default()
 }
 
-/// A sampler that takes the nearest mip of a picture that repeats, or one whose coordinates are texels of a picture without mips.
+/// A sampler that takes the nearest mip of a picture that repeats, or one of a picture without mips, which holds its edges.
 fn sampler(
     cx: &Context,
     name: &str,
     filter: vk::Filter,
-    in_texels: bool,
+    has_mips: bool,
 ) -> Result<vk::Sampler, RenderError> {
     let info = vk::SamplerCreateInfo::default()
         .mag_filter(filter)
         .min_filter(filter)
         .mipmap_mode(vk::SamplerMipmapMode::NEAREST);
     let edge = vk::SamplerAddressMode::CLAMP_TO_EDGE;
-    let info = match in_texels {
-        true => info
-            .unnormalized_coordinates(true)
-            .address_mode_u(edge)
-            .address_mode_v(edge),
-        false => info.max_lod(vk::LOD_CLAMP_NONE),
+    let info = match has_mips {
+        true => info.max_lod(vk::LOD_CLAMP_NONE),
+        false => info.address_mode_u(edge).address_mode_v(edge),
     };
     // SAFETY: the context's device is alive.
     let sampler = unsafe { cx.device.create_sampler(&info, None) }
