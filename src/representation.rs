@@ -40,8 +40,8 @@ impl CostModel {
         triangle: 75.0,
         impostor: 650.0,
         quad: 490.0,
-        quad_pixel: 14.0,
-        relief_pixel: 17.3,
+        quad_pixel: 11.3,
+        relief_pixel: 14.0,
         pixel_block: 4.0,
     };
     /// A GPU: an estimate, not measured, that takes vertices and pixels for cheap alike.
