@@ -257,10 +257,10 @@ const STEPS: u32 = 13 * 8;
 const FORBIDDEN: f32 = 1e12;
 
 /// What an error that was measured on agents that stand alone comes to in a crowd. Soft outlines over who stands behind are nearer
-/// to the truth there than a mesh's rough ones: with this factor the FLIP error of `hybrid` on the plaza is 1.08 times that of
-/// one-sample full, as that of `lod` is, for people of two makers; without it, 1.00 and 1.03 for a quarter more time. The dogs of the
-/// stampede have 1.15 (1.13 with `lod`, 1.08 without it), and would have 1.19 with larger quads.
-const QUAD_IN_CROWD: f32 = 0.45;
+/// to the truth there than a mesh's rough ones: with this factor the FLIP error of `hybrid` on the plaza is 1.06 and 1.07 times that
+/// of one-sample full for people of two makers, and that of `lod` 1.08 and 1.10; without it, 1.00 and 1.03 were measured for a quarter more
+/// time. With 0.40 it is 1.07 and 1.08, but the dogs of the stampede, who have 1.15 (1.13 with `lod`), have 1.19.
+const QUAD_IN_CROWD: f32 = 0.41;
 
 /// The same for `flat`, whose quads keep both cores of a CPU driver as busy as the meshes that they would replace: with 1 in its
 /// place a square of 1,000 people took 8 percent more CPU time, at the same FLIP error.
