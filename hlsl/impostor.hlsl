@@ -8,6 +8,7 @@
 
 [[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
 [[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
+// Levels of both samplers end at the first, so that pixels after a discard may sample, too.
 [[vk::binding(5, 2)]] SamplerState color_sampler;
 
 [[vk::constant_id(1)]] const bool SRGB_TARGET = false;
