@@ -14,7 +14,7 @@ use super::descriptors::{allocate_set, descriptor_pool, set_layout, write_buffer
 use super::headless::{Headless, dropped};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{ALPHA_TESTED, DRAW_STAGES, MeshVariant, TEXTURED, pipeline_layout};
-use super::records::{FLOAT4, create_records};
+use super::record_buffers::{FLOAT4, create_records};
 use super::resident::{self, Resident};
 use super::shader_stages::with_stages;
 use crate::capture::{self, Level, PAGE_SIZE, Page, group_of};

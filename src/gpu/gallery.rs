@@ -12,7 +12,7 @@ use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool, write_buffers, write_images};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::Pipelines;
-use super::records::{self, FLOAT4, create_records};
+use super::record_buffers::{self, FLOAT4, create_records};
 use super::resident::{self, FILLING, FRESH, READABLE, Staging};
 use crate::error::RenderError;
 use crate::gpu_types::IMPOSTOR_POSE_MASK;
@@ -92,7 +92,7 @@ pub(super) fn check(
     for (needed, limit, unit) in [
         (
             texels,
-            records::most(cx, FLOAT4).min(EXACT_TEXELS),
+            record_buffers::most(cx, FLOAT4).min(EXACT_TEXELS),
             "texels of all impostors' tables",
         ),
         (
@@ -286,7 +286,7 @@ impl Gallery {
         self.pool = descriptor_pool(cx, "impostors' sets", 1, 1)?;
         self.set = allocate_set(cx, "impostors' set", self.pool, pipelines.gallery_set)?;
         let samplers = [pipelines.nearest_sampler, pipelines.linear_sampler];
-        write_buffers(cx, self.set, &[(records::kind(cx), &self.table)]);
+        write_buffers(cx, self.set, &[(record_buffers::kind(cx), &self.table)]);
         write_images(cx, self.set, bindings::GALLERY, &self.images, &samplers);
         Ok(())
     }

@@ -38,7 +38,7 @@ mod own_device;
 mod pipeline;
 mod probe;
 mod record;
-mod records;
+mod record_buffers;
 mod renderer;
 mod report;
 pub mod requirements;

@@ -9,7 +9,7 @@ use super::context::Context;
 use super::descriptors::{allocate_set, descriptor_pool};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::Pipelines;
-use super::records::{FLOAT, create_records};
+use super::record_buffers::{FLOAT, create_records};
 use crate::error::RenderError;
 use crate::reference::occlude::{Pyramid, depth_size, pyramid_texels};
 

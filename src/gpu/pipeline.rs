@@ -8,7 +8,7 @@ use ash::vk;
 use super::bindings;
 use super::context::Context;
 use super::descriptors::set_layout;
-use super::records;
+use super::record_buffers;
 use super::renderer::RendererDesc;
 use super::shader_stages::{compute, with_stages};
 use crate::error::RenderError;
@@ -182,7 +182,7 @@ impl Pipelines {
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
         use vk::ShaderStageFlags as S;
         let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        let (select, character, gallery) = match records::kind(cx) {
+        let (select, character, gallery) = match record_buffers::kind(cx) {
             bindings::Kind::Texels => (bindings::SELECT, bindings::CHARACTER, bindings::GALLERY),
             _ => (
                 bindings::SELECT_STORAGE,

@@ -11,7 +11,7 @@ use super::descriptors::{allocate_set, descriptor_pool, write_buffers, write_ima
 use super::gallery::{self, AtlasCopies};
 use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines};
-use super::records::{self, FLOAT4, UINT, UINT4, create_records};
+use super::record_buffers::{self, FLOAT4, UINT, UINT4, create_records};
 use crate::error::RenderError;
 use crate::prepare::{self, SubmeshDraw};
 
@@ -195,7 +195,9 @@ pub(crate) fn make(
     staging_buffer.write(0, &staging.bytes);
     constants.write(0, &[prepare::constants(baked)]);
     let written = std::iter::once((Kind::Uniform, &constants));
-    let read = buffers.iter().map(|buffer| (records::kind(cx), buffer));
+    let read = buffers
+        .iter()
+        .map(|buffer| (record_buffers::kind(cx), buffer));
     write_buffers(cx, set, &written.chain(read).collect::<Vec<_>>());
     let image = std::slice::from_ref(&resident_textures);
     write_images(cx, set, bindings::CHARACTER, image, &[pipelines.sampler]);
@@ -290,7 +292,7 @@ pub(super) fn record_fill(
 impl Resident {
     /// Puts another palette, made of records, in the place of the clips'; no pending command may use the set.
     pub fn write_palette(&self, cx: &Context, palette: &Buffer) {
-        let kind = records::kind(cx);
+        let kind = record_buffers::kind(cx);
         let [vertices, parents] = [0, 1].map(|i| (kind, &self.records[i]));
         let written = [
             (Kind::Uniform, &self.constants),

@@ -6,7 +6,7 @@ use ash::vk;
 
 use super::bindings::{Kind, STORAGE_SUFFIX};
 use super::context::Context;
-use super::records;
+use super::record_buffers;
 use super::shaders::{MODULES, Module};
 use crate::error::RenderError;
 
@@ -54,7 +54,7 @@ fn stage<'a>(
 /// A compiled module; where texel buffers are small, the one that reads storage buffers in their place, if there is one.
 fn shader(cx: &Context, name: &str) -> Result<vk::ShaderModule, RenderError> {
     let find = |name: &str| MODULES.iter().find(|m: &&Module| m.name == name);
-    let storage = match records::kind(cx) {
+    let storage = match record_buffers::kind(cx) {
         Kind::Storage => find(&format!("{name}{STORAGE_SUFFIX}")),
         _ => None,
     };

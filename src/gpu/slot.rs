@@ -12,7 +12,7 @@ use super::descriptors::{allocate_set, descriptor_pool, write_buffers};
 use super::memory::Buffer;
 use super::occluders::Occluders;
 use super::pipeline::Pipelines;
-use super::records::{self, FEWER_AGENTS, UINT, UINT2, UINT4, check_range, create_records};
+use super::record_buffers::{self, FEWER_AGENTS, UINT, UINT2, UINT4, check_range, create_records};
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
@@ -392,7 +392,7 @@ impl Slot {
                 &b.ranges,
                 pyramid,
             ];
-            let kinds = match records::kind(cx) {
+            let kinds = match record_buffers::kind(cx) {
                 Kind::Texels => bindings::SELECT,
                 _ => bindings::SELECT_STORAGE,
             };
