@@ -12,10 +12,7 @@ struct Interpolants
 {
     float4 position : SV_Position;
     float2 offset : TEXCOORD0; // from the camera's foot point, metres: small numbers stay exact
-    nointerpolation float4 light_x : TEXCOORD1; // as in GroundConstants
-    nointerpolation float4 haze_z : TEXCOORD2;
-    nointerpolation float4 plain : TEXCOORD3;
-    nointerpolation float2 eye_haze : TEXCOORD4;
+    GroundConstants constants;
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID)
@@ -37,16 +34,11 @@ Interpolants VSMain(uint vertex : SV_VertexID)
     Interpolants o;
     o.offset = place * half_side;
     o.position = mul(frame.clip_from_world, float4(frame.eye.x + o.offset.x, 0.0, frame.eye.z + o.offset.y, 1.0));
-    GroundConstants constants = ConstantsOfGround();
-    o.light_x = constants.light_x;
-    o.haze_z = constants.haze_z;
-    o.plain = constants.plain;
-    o.eye_haze = constants.eye_haze;
+    o.constants = ConstantsOfGround();
     return o;
 }
 
 float4 PSMain(Interpolants i) : SV_Target
 {
-    GroundConstants constants = { i.light_x, i.haze_z, i.plain, i.eye_haze };
-    return TargetColor(GroundColor(constants, i.offset));
+    return TargetColor(GroundColor(i.constants, i.offset));
 }

@@ -17,10 +17,10 @@ static const float JOINT = 0.03;
 // What pixels of the ground get from the vertex shader: lavapipe looks up constants of a buffer lane by lane in pixel shaders.
 struct GroundConstants
 {
-    float4 light_x; // linear colour of the light on the ground; the eye's x
-    float4 haze_z; // linear colour of the haze; the eye's z
-    float4 plain; // reflectance, where the last is 1; 0: paved
-    float2 eye_haze; // square of the eye's height; haze per metre
+    nointerpolation float4 light_x : TEXCOORD8; // linear colour of the light on the ground; the eye's x
+    nointerpolation float4 haze_z : TEXCOORD9; // linear colour of the haze; the eye's z
+    nointerpolation float4 plain : TEXCOORD10; // reflectance, where the last is 1; 0: paved
+    nointerpolation float2 eye_haze : TEXCOORD11; // square of the eye's height; haze per metre
 };
 
 GroundConstants ConstantsOfGround()

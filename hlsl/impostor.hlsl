@@ -51,7 +51,10 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     float4 in_gallery = GalleryFrom(placed.atlas, placed.mip);
     o.uv_height_depth = float4(
         placed.uv * in_gallery.xy + in_gallery.zw, placed.corner.y - instance.position.y, placed.depth / placed.depth_extent);
-    float2 shift = placed.shift * in_gallery.xy;
+    float2 shift = 0.0;
+#if defined(RELIEF)
+    shift = placed.shift * in_gallery.xy;
+#endif
     float3 sun = frame.to_sun;
     o.sun_shift = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), shift.x);
     o.up_shift = float4(placed.right.y, placed.up.y, placed.towards.y, shift.y);

@@ -7,12 +7,10 @@
 
 #ifdef IMPOSTOR
 #include "impostor.hlsl"
-#if defined(RELIEF)
-#define LIMIT_ROWS 9
-#elif defined(SOFT)
+#if defined(SOFT) && !defined(RELIEF)
 #define LIMIT_ROWS 8
 #else
-#define LIMIT_ROWS 10
+#define LIMIT_ROWS 9
 #endif
 #else
 #include "mesh.hlsl"
@@ -46,9 +44,6 @@ struct TransformedVertex
 #endif
 #if LIMIT_ROWS > 8
     [[vk::location(8)]] float4 row8 : ATTRIBUTE8;
-#endif
-#if LIMIT_ROWS > 9
-    [[vk::location(9)]] float4 row9 : ATTRIBUTE9;
 #endif
 };
 
@@ -93,8 +88,7 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
 #if defined(RELIEF)
     transformed[row + 8u] = i.bounds;
 #elif !defined(SOFT)
-    transformed[row + 8u] = float4(i.plane_zw, 0.0, 0.0);
-    transformed[row + 9u] = i.depth_step_corner;
+    transformed[row + 8u] = i.depth_step_corner;
 #endif
 #else
     transformed[row + 1u] = i.color;
@@ -124,8 +118,8 @@ Interpolants VSLimit(TransformedVertex v)
 #if defined(RELIEF)
     o.bounds = v.row8;
 #elif !defined(SOFT)
-    o.plane_zw = v.row8.xy;
-    o.depth_step_corner = v.row9;
+    o.plane_zw = v.position.zw;
+    o.depth_step_corner = v.row8;
 #endif
 #else
     o.color = v.row1;

@@ -16,10 +16,7 @@ struct Interpolants
     float4 position : SV_Position;
     float3 offset_strength : TEXCOORD0; // from the centre in radii; strength
     float2 offset : TEXCOORD1; // of the ground beneath from the camera's foot point, metres
-    nointerpolation float4 light_x : TEXCOORD2; // as in GroundConstants
-    nointerpolation float4 haze_z : TEXCOORD3;
-    nointerpolation float4 plain : TEXCOORD4;
-    nointerpolation float2 eye_haze : TEXCOORD5;
+    GroundConstants constants;
 };
 
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
@@ -35,19 +32,14 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
     o.position = mul(frame.clip_from_world, float4(frame.eye.x + offset.x, SHADOW_LIFT, frame.eye.z + offset.y, 1.0));
     // Of the ground, what the pixel has beneath it, seen from the camera.
     o.offset = offset * (frame.eye.y > 2.0 * SHADOW_LIFT ? frame.eye.y / (frame.eye.y - SHADOW_LIFT) : 1.0);
-    GroundConstants constants = ConstantsOfGround();
-    o.light_x = constants.light_x;
-    o.haze_z = constants.haze_z;
-    o.plain = constants.plain;
-    o.eye_haze = constants.eye_haze;
+    o.constants = ConstantsOfGround();
     return o;
 }
 
 // The target keeps the smaller of this and what it has.
 float4 PSMain(Interpolants i) : SV_Target
 {
-    GroundConstants constants = { i.light_x, i.haze_z, i.plain, i.eye_haze };
-    float3 ground = GroundColor(constants, i.offset);
+    float3 ground = GroundColor(i.constants, i.offset);
     float spot = saturate(1.0 - dot(i.offset_strength.xy, i.offset_strength.xy));
     float strength = i.offset_strength.z * spot * spot;
     if (strength < STRENGTH_MIN)

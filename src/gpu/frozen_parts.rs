@@ -257,8 +257,7 @@ impl Look {
         match self {
             Self::Mesh(v) => 2 + v.textured as u32 + v.double_sided as u32,
             Self::Impostor(impostor::Look::Plain) => 8,
-            Self::Impostor(impostor::Look::Soft) => 9,
-            Self::Impostor(impostor::Look::Flat) => 10,
+            Self::Impostor(_) => 9,
         }
     }
 
