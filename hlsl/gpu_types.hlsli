@@ -62,6 +62,8 @@
 #define OCCLUDER_TEXEL_PX 4
 // Metres by which the eye may be above occluders, per metre of distance.
 #define OCCLUDER_SLOPE_MAX 0.05
+// Occluders of at least this many times the least height have the finest meshes; those of smaller ones are coarser.
+#define OCCLUDER_FINE_HEIGHTS 2.0
 // Occluders only hide what is further behind them than this share of its distance.
 #define OCCLUDER_MARGIN 0.005
 // The last level of the pyramid over that depth; level 0 is the depth itself.
@@ -120,7 +122,7 @@ struct CharacterInfo
     float influences2_error;
     float influences3_error;
     float lowest; // bind-space height of its lowest point where it stands
-    float occluder_error; // LOD error of the mesh with which it hides others
+    float occluder_error; // LOD error of the finest mesh with which it hides others
     uint padding0;
     uint padding1;
     uint padding2;

@@ -92,9 +92,9 @@ float OpenShare(Viewed v, Seen seen, bool asked)
     float2 size = float2(v.size_px);
     float2 low = (float2(seen.low.x, -seen.high.y) * 0.5 + 0.5) * size;
     float2 high = (float2(seen.high.x, -seen.low.y) * 0.5 + 0.5) * size;
-    // Half a pixel more, for edges that impostors blend.
-    uint2 first = uint2(clamp(floor(low - 0.5), 0.0, size - 1.0)) / OCCLUDER_TEXEL_PX;
-    uint2 last = uint2(clamp(floor(high + 0.5), 0.0, size - 1.0)) / OCCLUDER_TEXEL_PX;
+    // A pixel more, for edges that impostors blend, and because an occluder's outline is only good to a texel.
+    uint2 first = uint2(clamp(floor(low - 1.0), 0.0, size - 1.0)) / OCCLUDER_TEXEL_PX;
+    uint2 last = uint2(clamp(floor(high + 1.0), 0.0, size - 1.0)) / OCCLUDER_TEXEL_PX;
     uint level = PYRAMID_TOP + 1u;
     [unroll]
     for (uint l = 0u; l <= PYRAMID_TOP; l++)

@@ -372,7 +372,8 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
     for (uint s = 0u; s < entry_count; s++)
     {
         ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
-        float lod_error = character.occluder_error;
+        // As far off in the picture, whatever their height, up to what all larger ones have.
+        float lod_error = character.occluder_error * max(OCCLUDER_FINE_HEIGHTS * occluder_angle * bounds.distance / height, 1.0);
         uint packed = PackSelected(index, agent, character, clip0, clip1, lod_error, still);
         uint2 level = levels[LevelAt(LoadSubmesh(character.first_submesh + s), lod_error)];
         uint rank = 0u;

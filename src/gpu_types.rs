@@ -71,6 +71,8 @@ pub const TALLY_ALIGNMENT: usize = 16;
 pub const OCCLUDER_TEXEL_PX: u32 = 4;
 /// Metres by which the eye may be above occluders, per metre of distance.
 pub const OCCLUDER_SLOPE_MAX: f32 = 0.05;
+/// Occluders of at least this many times the least height have the finest meshes.
+pub const OCCLUDER_FINE_HEIGHTS: f32 = 2.0;
 /// Occluders only hide what is further behind them than this share of its distance.
 pub const OCCLUDER_MARGIN: f32 = 0.005;
 /// Last level of the pyramid over it; level 0 is the depth itself.

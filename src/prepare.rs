@@ -253,7 +253,7 @@ impl Tables {
     }
 }
 
-/// Triangles of the mesh with which a character hides others.
+/// Triangles of the finest mesh with which a character hides others.
 const OCCLUDER_TRIANGLES: u32 = 40;
 
 /// The smallest LOD error at which a character has few enough triangles to hide others.

@@ -374,6 +374,7 @@ fn shared_numbers_are_equal() {
         ("SELECTED_CASTS", t::SELECTED_CASTS as f64),
         ("OCCLUDER_TEXEL_PX", t::OCCLUDER_TEXEL_PX as f64),
         ("OCCLUDER_SLOPE_MAX", t::OCCLUDER_SLOPE_MAX as f64),
+        ("OCCLUDER_FINE_HEIGHTS", t::OCCLUDER_FINE_HEIGHTS as f64),
         ("OCCLUDER_MARGIN", t::OCCLUDER_MARGIN as f64),
         ("PYRAMID_TOP", t::PYRAMID_TOP as f64),
         ("TEST_COLUMNS", t::TEST_COLUMNS as f64),

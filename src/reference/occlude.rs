@@ -155,8 +155,8 @@ fn share_of(pyramid: &Pyramid, frame: &FrameConstants, points: &[Vec3]) -> f32 {
         let px = round(px).clamp(Vec2::ZERO, size - 1.0);
         [px.x as u32, px.y as u32].map(|x| x / OCCLUDER_TEXEL_PX)
     };
-    let first = texel(Vec2::new(low.x, high.y), |px| (px - 0.5).floor());
-    let last = texel(Vec2::new(high.x, low.y), |px| (px + 0.5).floor());
+    let first = texel(Vec2::new(low.x, high.y), |px| (px - 1.0).floor());
+    let last = texel(Vec2::new(high.x, low.y), |px| (px + 1.0).floor());
     let level = (0..=PYRAMID_TOP).find(|l| {
         (last[0] >> l) - (first[0] >> l) < TEST_COLUMNS
             && (last[1] >> l) - (first[1] >> l) < TEST_ROWS
