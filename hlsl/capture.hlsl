@@ -68,7 +68,7 @@ Interpolants VSMain(uint vertex : SV_VertexID, uint picture : SV_InstanceID)
     pose.heading_sin = 0.0;
     pose.sample_entries = uint4(capture.first_entry, 0u, 0u, 0u);
     pose.sample_weights = float3(1.0, 0.0, 0.0);
-    pose.shadow_radius = 0.0;
+    pose.padding0 = 0u;
     Skinned skinned = SkinVertex(v, pose);
 
     float3 to_eye = cross(capture.right, capture.up);

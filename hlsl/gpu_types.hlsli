@@ -21,8 +21,10 @@
 // The first bins of agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
 #define FLAT_BIN 512
-// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
+// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints. Each is two commands.
 #define IMPOSTOR_DRAWS 3
+// Agents of one quad that an instance of their draw holds: fewer vertices would leave most of a CPU driver's lanes idle.
+#define QUADS_PER_INSTANCE 64
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
@@ -40,7 +42,7 @@
 #define SKINNING_ERROR_SHARE 0.5
 // Bits of a LOD error below its step: 128 steps to a doubling.
 #define LEVEL_SHIFT 16
-// Selected::packed: one frame instead of two; the agent's contact shadow is this entry's.
+// Selected::packed: one frame instead of two; the agent casts a contact shadow, and this entry lists it.
 #define SELECTED_NEAREST 8u
 #define SELECTED_CASTS 16u
 // Selected::bin of a submesh that draws nothing.
@@ -55,6 +57,8 @@
 #define TALLY_OCCLUDED 4
 // A shard's entries in the selected buffer; the frame has a VkDispatchIndirectCommand here, for the pass over them.
 #define TALLY_ENTRIES 5
+// Of a shard: its contact shadows, and from the scan pass on the place of the next one in their list.
+#define TALLY_SHADOWS 6
 #define TALLY_BINS 8
 // Words that what follows in the tally buffer starts at multiples of: a cache line.
 #define TALLY_ALIGNMENT 16
@@ -197,7 +201,7 @@ struct Instance
     float heading_sin; // times scale
     uint4 sample_entries; // first palette entry of each frame
     float3 sample_weights; // the fourth is what they leave of 1
-    float shadow_radius; // metres; 0 in all but a character's first submesh
+    uint padding0;
 };
 
 // A picture that the capture stage takes: a plane, and the page's rectangle that shows a part of it.

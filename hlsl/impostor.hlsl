@@ -1,9 +1,12 @@
 // impostor: draws every quad of an impostor kind of every agent that shows it. Twin: src/reference/impostor.rs
 // In: instance lists of the select stage; live_vertex_count is pose and fade.
-// Vertex numbers: 4 per quad.
+// Vertex numbers: 4 per quad. Agents of one quad are QUADS_PER_INSTANCE to an instance of the draw; of others each is one.
 
 #include "impostor.hlsli"
 #include "color.hlsli"
+#if defined(SOFT) && !defined(TRANSFORM)
+#define READS_LISTS
+#endif
 #include "instance.hlsli"
 
 [[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
@@ -40,11 +43,10 @@ struct Interpolants
 #endif
 };
 
-Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+// A corner, 0 to 3, of one of an instance's quads.
+Interpolants CornerOf(Instance instance, uint quad, uint corner)
 {
-    Instance instance = InstanceFrom(attributes);
-    uint quad = vertex >> 2;
-    Placed placed = PlaceQuad(instance, quad, vertex & 3u, QuadRandom(instance, quad));
+    Placed placed = PlaceQuad(instance, quad, corner, QuadRandom(instance, quad));
 
     Interpolants o;
     o.position = mul(frame.clip_from_world, float4(placed.corner, 1.0));
@@ -80,6 +82,19 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 #endif
     return o;
 }
+
+#ifdef READS_LISTS
+// The instance's number includes firstInstance, which is 0: vertex numbers begin where the list does.
+Interpolants VSMain(uint vertex : SV_VertexID, uint instance : SV_InstanceID)
+{
+    return CornerOf(LoadInstance((vertex >> 2) + QUADS_PER_INSTANCE * instance), 0u, vertex & 3u);
+}
+#else
+Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+{
+    return CornerOf(InstanceFrom(attributes), vertex >> 2, vertex & 3u);
+}
+#endif
 
 // A threshold in (0, 1) by pixel: an ordered 4x4 pattern.
 float DitherThreshold(float2 pixel)

@@ -51,6 +51,7 @@ struct TransformedVertex
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
 [[vk::binding(0, 3)]] RWStructuredBuffer<float4> transformed;
 
+#ifndef IMPOSTOR
 InstanceAttributes AttributesOf(Instance instance)
 {
     InstanceAttributes attributes;
@@ -58,9 +59,10 @@ InstanceAttributes AttributesOf(Instance instance)
     attributes.seed_live_packed_sin =
         uint4(instance.tint_seed, instance.live_vertex_count, instance.packed, asuint(instance.heading_sin));
     attributes.sample_entries = instance.sample_entries;
-    attributes.weights_shadow = float4(instance.sample_weights, instance.shadow_radius);
+    attributes.weights = float4(instance.sample_weights, 0.0);
     return attributes;
 }
+#endif
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSTransform(uint3 thread : SV_DispatchThreadID)
@@ -69,11 +71,11 @@ void CSTransform(uint3 thread : SV_DispatchThreadID)
     {
         return;
     }
-    InstanceAttributes attributes = AttributesOf(instances[draw.probe_instance + thread.y]);
+    Instance instance = instances[draw.probe_instance + thread.y];
 #ifdef IMPOSTOR
-    Interpolants i = VSMain(draw.first_vertex + thread.x, attributes);
+    Interpolants i = CornerOf(instance, thread.x >> 2, thread.x & 3u);
 #else
-    Interpolants i = VSMain(thread.x, attributes);
+    Interpolants i = VSMain(thread.x, AttributesOf(instance));
 #endif
     uint row = (draw.probe_output + thread.y * draw.probe_vertex_count + thread.x) * LIMIT_ROWS;
     transformed[row] = i.position;

@@ -1,7 +1,7 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
 // list per (submesh, band), and impostors into one per slice of distance. Three passes: count, scan, scatter. Twin:
 // src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 4].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 7], shadows[].
 // The order within a list is not defined.
 // Occluders' lists are made the same way before: count_occluders takes coarse levels of who is large enough.
 //
@@ -30,6 +30,7 @@
 [[vk::binding(12, 0)]] RECORDS(uint) tallied; // tally, in the scatter pass
 [[vk::binding(10, 0)]] RWStructuredBuffer<uint4> instances; // 4 are an Instance
 [[vk::binding(14, 0)]] RECORDS(float) pyramid; // of the occlude stage
+[[vk::binding(15, 0)]] RWStructuredBuffer<float4> shadows; // place and radius, metres
 
 AgentState LoadAgent(uint index)
 {
@@ -193,9 +194,8 @@ uint PackSelected(uint index, AgentState agent, CharacterInfo character, ClipInf
 }
 
 // The instance of an agent's list entry.
-Instance MakeInstance(uint4 selected_entry, AgentState agent, CharacterInfo character, bool still)
+Instance MakeInstance(uint4 selected_entry, AgentState agent, CharacterInfo character, ClipInfo clip0, bool still)
 {
-    ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
     ClipInfo clip1 = clip0;
     for (uint i = BlendedClips(agent); i > 0u; i--)
     {
@@ -247,7 +247,7 @@ Instance MakeInstance(uint4 selected_entry, AgentState agent, CharacterInfo char
     instance.packed = (selected_entry.w & ~0x38u) | (sample_count << 3);
     instance.sample_entries = frames * character.joint_count;
     instance.sample_weights = weights.xyz;
-    instance.shadow_radius = (selected_entry.w & SELECTED_CASTS) != 0u ? ShadowRadius(agent, character, clip0) : 0.0;
+    instance.padding0 = 0u;
     return instance;
 }
 
@@ -298,16 +298,16 @@ uint PoseAt(ClipInfo clip, float phase)
 
 // Takes places for a lane's entries among its shard's, and counts. All lanes call it: their sums are added by one atomic, in a
 // lane each.
-uint TakePlaces(uint shard_tally, uint entry_count, bool visible, bool is_mesh)
+uint TakePlaces(uint shard_tally, uint entry_count, bool visible, bool is_mesh, bool casts)
 {
     uint before = WavePrefixSum(entry_count) - entry_count; // glslang's scan is inclusive
     uint all = WaveActiveSum(entry_count);
-    uint counted = WaveActiveSum((visible ? 1u : 0u) | (is_mesh ? 1u << 16 : 0u));
+    uint counted = WaveActiveSum((visible ? 1u : 0u) | (is_mesh ? 1u << 8 : 0u) | (casts ? 1u << 16 : 0u));
     uint lane = WaveGetLaneIndex();
-    uint word = lane == 0u ? TALLY_ENTRIES : lane == 1u ? TALLY_VISIBLE : TALLY_MESHES;
-    uint sum = lane == 0u ? all : lane == 1u ? counted & 0xffffu : counted >> 16;
+    uint word = lane == 0u ? TALLY_ENTRIES : lane == 1u ? TALLY_VISIBLE : lane == 2u ? TALLY_MESHES : TALLY_SHADOWS;
+    uint sum = lane == 0u ? all : (counted >> (8u * lane - 8u)) & 0xffu;
     uint place = 0u;
-    if (lane < 3u && sum > 0u)
+    if (lane < 4u && sum > 0u)
     {
         InterlockedAdd(tally[shard_tally + word], sum, place);
     }
@@ -368,7 +368,7 @@ void CSCountOccluders(uint3 thread : SV_DispatchThreadID)
     bool level_view = eye_height - top <= OCCLUDER_SLOPE_MAX * bounds.distance;
     bool wanted = inside && bounds.inside && large && level_view;
     uint entry_count = wanted ? character.submesh_count : 0u;
-    uint place = TakePlaces(shard_tally, entry_count, false, wanted);
+    uint place = TakePlaces(shard_tally, entry_count, false, wanted, false);
     for (uint s = 0u; s < entry_count; s++)
     {
         ClipInfo clip1 = LoadClip(character.first_clip + (agent.clips >> 16));
@@ -394,6 +394,8 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     float pixel_angle = frame.pixel_angle;
     bool still = (frame.flags & FLAG_STILL) != 0u;
     bool full = (frame.flags & FLAG_FULL_DETAIL) != 0u;
+    bool shadows_drawn = (frame.flags & FLAG_SHADOWS) != 0u;
+    float3 eye = frame.eye;
     uint shard_tally = ShardTally(thread.y);
     uint first_entry = ShardEntries(thread.y);
     Member member = MemberAt(thread);
@@ -413,11 +415,12 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         * StretchShare(agent.position + float3(0.0, agent.scale * clip0.sphere_center.y, 0.0));
     bool visible = bounds.inside && inside;
     bool occluded = false;
+    float shadow_radius = ShadowRadius(agent, character, clip0);
 #ifdef OCCLUSION
     Viewed viewed = LoadViewed();
     float open = OpenShareOfBody(viewed, agent, clip0, clip1, visible);
     bool body_hidden = open == 0.0;
-    occluded = body_hidden && IsShadowHidden(viewed, agent, ShadowRadius(agent, character, clip0), body_hidden);
+    occluded = body_hidden && IsShadowHidden(viewed, agent, shadow_radius, body_hidden);
     visible = visible && !occluded;
     error_per_metre *= OpenErrorFactor(open);
 #endif
@@ -435,10 +438,10 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     uint slice = SliceAt(bounds.distance);
     uint submesh_count = is_mesh ? character.submesh_count : 0u;
     uint entry_count = submesh_count + (shows ? 1u : 0u) + (leaves ? 1u : 0u);
-    uint place = TakePlaces(shard_tally, entry_count, visible, is_mesh);
-    // An agent's first entry casts its shadow.
-    bool casts = true;
+    bool casts = visible && shadows_drawn && length(agent.position - eye) < 2.0 * SHADOW_FADE_RADII * shadow_radius;
+    uint place = TakePlaces(shard_tally, entry_count, visible, is_mesh, casts);
     uint live_vertices = 0u;
+    // An agent's first entry lists its shadow.
     for (uint e = 0u; e < entry_count; e++)
     {
         bool of_mesh = e < submesh_count;
@@ -456,7 +459,7 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
         selected[first_entry + place + e] =
             uint4(bin, rank, of_mesh ? level.x : pose_fade, packed | (casts ? SELECTED_CASTS : 0u));
         live_vertices += of_mesh && bin != BIN_NONE ? level.x : 0u;
-        casts = casts && bin == BIN_NONE;
+        casts = false;
     }
 
     uint wave_live_vertices = WaveActiveSum(live_vertices);
@@ -488,8 +491,8 @@ uint ImpostorDrawBin(uint draw)
     return draw == 0u ? QUAD_BIN : draw == 1u ? QUAD_BIN + frame.plain_slices : FLAT_BIN + (draw - 2u) * SLICE_COUNT;
 }
 
-// Sums of what the shards counted, and the dispatch of the scatter pass: a row of workgroups per shard, as long as the
-// longest.
+// Sums of what the shards counted, where their shadows start and the draw of all of them, and the dispatch of the scatter
+// pass: a row of workgroups per shard, as long as the longest.
 void SumShards()
 {
     uint visible = 0u;
@@ -498,6 +501,7 @@ void SumShards()
     uint low = 0u;
     uint high = 0u;
     uint entries = 0u;
+    uint shadow_count = 0u;
     for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
     {
         uint start = ShardTally(shard);
@@ -508,6 +512,9 @@ void SumShards()
         low += part;
         high += tally[start + TALLY_LIVE_VERTICES_HIGH] + (low < part ? 1u : 0u);
         entries = max(entries, tally[start + TALLY_ENTRIES]);
+        uint first_shadow = shadow_count;
+        shadow_count += tally[start + TALLY_SHADOWS];
+        tally[start + TALLY_SHADOWS] = first_shadow;
     }
     tally[TALLY_VISIBLE] = visible;
     tally[TALLY_MESHES] = meshes;
@@ -517,6 +524,14 @@ void SumShards()
     tally[TALLY_ENTRIES] = (entries + SELECT_GROUP_SIZE - 1u) / SELECT_GROUP_SIZE;
     tally[TALLY_ENTRIES + 1u] = SELECT_SHARDS;
     tally[TALLY_ENTRIES + 2u] = 1u;
+    // As a VkDrawIndirectCommand, behind the last bin.
+    DrawCommand squares;
+    squares.index_count = 4u;
+    squares.instance_count = shadow_count;
+    squares.first_index = 0u;
+    squares.vertex_offset = 0;
+    squares.first_instance = 0u;
+    draws[frame.bin_count] = squares;
 }
 
 // One workgroup turns counts into draw commands. Thread t scans a run of neighbouring bins.
@@ -578,17 +593,6 @@ void CSScan(uint local : SV_GroupIndex)
         }
         offset += count;
     }
-    // Behind the last bin: all lists in one draw of 4 vertices, as a VkDrawIndirectCommand, for the shadow stage.
-    if (local == SCAN_GROUP_SIZE - 1u)
-    {
-        DrawCommand all;
-        all.index_count = 4u;
-        all.instance_count = offset;
-        all.first_index = 0u;
-        all.vertex_offset = 0;
-        all.first_instance = 0u;
-        draws[frame.bin_count] = all;
-    }
     if (local == 0u)
     {
         SumShards();
@@ -597,14 +601,34 @@ void CSScan(uint local : SV_GroupIndex)
     GroupMemoryBarrierWithGroupSync();
     if (local < IMPOSTOR_DRAWS)
     {
-        BandInfo window = bands[ImpostorDrawBin(local)];
+        uint first_instance = impostor_starts[local];
+        uint count = impostor_starts[local + 1u] - first_instance;
+        uint first_bin = ImpostorDrawBin(local);
+        BandInfo window = bands[first_bin];
         DrawCommand slices;
         slices.index_count = window.index_count;
-        slices.instance_count = impostor_starts[local + 1u] - impostor_starts[local];
+        slices.instance_count = count;
         slices.first_index = window.first_index;
         slices.vertex_offset = 0;
-        slices.first_instance = impostor_starts[local];
-        draws[frame.bin_count + 1u + local] = slices;
+        slices.first_instance = first_instance;
+        DrawCommand rest = slices;
+        rest.instance_count = 0u;
+        if (first_bin < FLAT_BIN)
+        {
+            // Agents of one quad: many to an instance, and what is left over; vertex numbers say whose quad it is.
+            uint whole = count / QUADS_PER_INSTANCE;
+            uint left = count - whole * QUADS_PER_INSTANCE;
+            slices.index_count = 6u * QUADS_PER_INSTANCE;
+            slices.instance_count = whole;
+            slices.vertex_offset = int(4u * first_instance);
+            slices.first_instance = 0u;
+            rest.index_count = 6u * left;
+            rest.instance_count = min(left, 1u);
+            rest.vertex_offset = int(4u * (first_instance + whole * QUADS_PER_INSTANCE));
+            rest.first_instance = 0u;
+        }
+        draws[frame.bin_count + 1u + 2u * local] = slices;
+        draws[frame.bin_count + 2u + 2u * local] = rest;
     }
 }
 
@@ -616,17 +640,36 @@ void CSScatter(uint3 thread : SV_DispatchThreadID)
     uint first_entry = ShardEntries(thread.y);
     bool still = (frame.flags & FLAG_STILL) != 0u;
     uint4 entry = chosen[first_entry + thread.x];
-    bool there = thread.x < tallied[shard_tally + TALLY_ENTRIES] && entry.x != BIN_NONE;
-    for (uint i = there ? 1u : 0u; i > 0u; i--)
+    bool inside = thread.x < tallied[shard_tally + TALLY_ENTRIES];
+    // A wave takes places for all its shadows at once.
+    bool casts = inside && (entry.w & SELECTED_CASTS) != 0u;
+    uint shadow_place = WavePrefixCountBits(casts);
+    uint shadow_count = WaveActiveCountBits(casts);
+    uint first_shadow = 0u;
+    if (WaveIsFirstLane() && shadow_count > 0u)
+    {
+        InterlockedAdd(tally[shard_tally + TALLY_SHADOWS], shadow_count, first_shadow);
+    }
+    shadow_place += WaveReadLaneFirst(first_shadow);
+    for (uint i = inside ? 1u : 0u; i > 0u; i--)
     {
         AgentState agent = LoadAgent(entry.w >> 6);
         CharacterInfo character = LoadCharacter(agent.character);
-        Instance instance = MakeInstance(entry, agent, character, still);
+        ClipInfo clip0 = LoadClip(character.first_clip + (agent.clips & 0xffffu));
+        if (casts)
+        {
+            shadows[shadow_place] = float4(agent.position, ShadowRadius(agent, character, clip0));
+        }
+        if (entry.x == BIN_NONE)
+        {
+            continue;
+        }
+        Instance instance = MakeInstance(entry, agent, character, clip0, still);
         uint place = 4u * (tallied[shard_tally + TALLY_BINS + entry.x] + entry.y);
         instances[place] = uint4(asuint(instance.position), asuint(instance.heading_cos));
         instances[place + 1u] =
             uint4(instance.tint_seed, instance.live_vertex_count, instance.packed, asuint(instance.heading_sin));
         instances[place + 2u] = instance.sample_entries;
-        instances[place + 3u] = uint4(asuint(instance.sample_weights), asuint(instance.shadow_radius));
+        instances[place + 3u] = uint4(asuint(instance.sample_weights), 0u);
     }
 }

@@ -1,10 +1,9 @@
-// shadow: a soft dark spot on the ground under every agent that stands on it, as one instanced quad draw over all instance
-// lists. It fades with distance, by metres and not by pixels, so that pictures of any size agree. A pixel draws the ground
+// shadow: a soft dark spot on the ground under every agent that stands on it, as one instanced quad draw over the list that the
+// select stage makes of them. It fades with distance, by metres and not by pixels, so that pictures of any size agree. A pixel draws the ground
 // anew with less light, and the target keeps the darker of what it has and gets: where spots overlap the darkest counts, so
 // that the picture does not depend on the order of the lists.
 
 #include "ground.hlsli"
-#include "instance.hlsli"
 
 // Share of its sRGB-encoded colour that the middle of a shadow takes from the ground.
 static const float STRENGTH = 0.5;
@@ -19,16 +18,17 @@ struct Interpolants
     GroundConstants constants;
 };
 
-Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+// Place and radius, metres. Twin: shadow_of in src/reference/select.rs
+Interpolants VSMain(uint vertex : SV_VertexID, [[vk::location(0)]] float4 place_radius : ATTRIBUTE0)
 {
-    Instance instance = InstanceFrom(attributes);
+    float3 place = place_radius.xyz;
+    float radius = place_radius.w;
     float2 corner = float2(vertex & 1u, vertex >> 1) * 2.0 - 1.0;
-    float radius = instance.shadow_radius;
-    float distance = length(instance.position - frame.eye);
+    float distance = length(place - frame.eye);
     float fade = saturate(2.0 - distance / max(radius * SHADOW_FADE_RADII, 1e-6));
     Interpolants o;
     o.offset_strength = float3(corner, fade * STRENGTH);
-    float2 offset = instance.position.xz - frame.eye.xz + corner * (fade > 0.0 ? radius : 0.0);
+    float2 offset = place.xz - frame.eye.xz + corner * radius;
     o.position = mul(frame.clip_from_world, float4(frame.eye.x + offset.x, SHADOW_LIFT, frame.eye.z + offset.y, 1.0));
     // Of the ground, what the pixel has beneath it, seen from the camera.
     o.offset = offset * (frame.eye.y > 2.0 * SHADOW_LIFT ? frame.eye.y / (frame.eye.y - SHADOW_LIFT) : 1.0);

@@ -26,6 +26,8 @@ pub const QUAD_BIN: u32 = 0;
 pub const FLAT_BIN: u32 = SLICE_COUNT;
 /// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 pub const IMPOSTOR_DRAWS: u32 = 3;
+/// Agents of one quad that an instance of their draw holds.
+pub const QUADS_PER_INSTANCE: u32 = 64;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
@@ -237,7 +239,7 @@ shared_structs! {
         heading_sin: f32,
         sample_entries: [u32; 4],
         sample_weights: [f32; 3],
-        shadow_radius: f32,
+        padding0: u32,
     }
     /// A picture that the capture stage takes.
     struct CaptureInstance {

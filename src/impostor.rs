@@ -20,9 +20,9 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
     };
     let layout = pipelines.draw_layout;
     let mut bound = false;
-    // They stand behind the draws of the lists and that of all of them.
+    // They stand behind the draws of the lists and that of the shadows.
     let first = recorded.bands.len() as u32 + 1;
-    for (place, (look, bins)) in (first..).zip(draws(recorded.plain_slices)) {
+    for (place, (look, bins)) in (first..).step_by(2).zip(draws(recorded.plain_slices)) {
         let kind = look.kind_bin();
         let shown = (0..drawing.residents.len()).any(|character| slot.may_draw(character, kind));
         if bins.is_empty() || !shown {
@@ -35,7 +35,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
             c.bind_indices(&gallery.indices);
         }
-        c.draw_indexed_indirect(&buffers.draws, place, 1);
+        c.draw_indexed_indirect(&buffers.draws, place, 2);
     }
 }
 

@@ -14,8 +14,8 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, cpu: Option<&Selection
     let (slot, pipelines) = (drawing.slot, drawing.pipelines);
     let Some(buffers) = &slot.buffers else { return };
     let layout = pipelines.draw_layout;
-    let instances = match (cpu, &slot.cpu_instances) {
-        (Some(_), Some(lists)) => lists,
+    let instances = match (cpu, &slot.cpu_lists) {
+        (Some(_), Some(lists)) => &lists.instances,
         _ => &buffers.instances,
     };
     let mut bound = None;

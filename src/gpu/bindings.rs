@@ -32,20 +32,22 @@ impl Kind {
 use Kind::{Image, Sampler, Storage, Texels, Uniform};
 
 /// Frame constants, agents, characters, clips, submeshes, bands, levels, tally, selected, draws, instances; selected and
-/// tally as the scatter pass reads them; ranges; the occluders' pyramid.
+/// tally as the scatter pass reads them; ranges; the occluders' pyramid; contact shadows.
 pub const SELECT: &[Kind] = &[
     Uniform, Texels, Texels, Texels, Texels, Storage, Texels, Storage, Storage, Storage, Storage,
-    Texels, Texels, Texels, Texels,
+    Texels, Texels, Texels, Texels, Storage,
 ];
 /// The same for devices whose texel buffers are small.
 pub const SELECT_STORAGE: &[Kind] = &[
     Uniform, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage, Storage,
-    Storage, Storage, Storage, Storage, Storage,
+    Storage, Storage, Storage, Storage, Storage, Storage,
 ];
 /// Frame constants, the occluders' depth and the pyramid over it.
 pub const REDUCE: &[Kind] = &[Uniform, Image, Storage];
-/// Frame constants; instances, for the probe.
-pub const DRAW: &[Kind] = &[Uniform, Storage];
+/// Frame constants; instances, for probes and as quads read them.
+pub const DRAW: &[Kind] = &[Uniform, Storage, Texels];
+/// The same for devices whose texel buffers are small.
+pub const DRAW_STORAGE: &[Kind] = &[Uniform, Storage, Storage];
 /// Character constants, vertices, parents, palette, texture array and its sampler.
 pub const CHARACTER: &[Kind] = &[Uniform, Texels, Texels, Texels, Image, Sampler];
 /// The same for devices whose texel buffers are small.
@@ -64,20 +66,26 @@ pub const STORAGE_SUFFIX: &str = "_storage";
 
 /// The sets of a compiled module, by set number.
 pub fn sets_of(module: &str) -> Vec<&'static [Kind]> {
-    let (name, select, character, gallery) = match module.strip_suffix(STORAGE_SUFFIX) {
-        Some(name) => (name, SELECT_STORAGE, CHARACTER_STORAGE, GALLERY_STORAGE),
-        None => (module, SELECT, CHARACTER, GALLERY),
+    let (name, select, draw, character, gallery) = match module.strip_suffix(STORAGE_SUFFIX) {
+        Some(name) => (
+            name,
+            SELECT_STORAGE,
+            DRAW_STORAGE,
+            CHARACTER_STORAGE,
+            GALLERY_STORAGE,
+        ),
+        None => (module, SELECT, DRAW, CHARACTER, GALLERY),
     };
     match name {
         "occlude_reduce" | "occlude_reduce_top" => vec![REDUCE],
         name if name.starts_with("select") => vec![select],
         "mesh_probe" | "impostor_probe" | "impostor_soft_probe" => {
-            vec![DRAW, character, gallery, PROBE]
+            vec![draw, character, gallery, PROBE]
         }
         limit if limit.starts_with("limit_") && limit.ends_with("_cs") => {
-            vec![DRAW, character, gallery, PROBE]
+            vec![draw, character, gallery, PROBE]
         }
-        "capture_vs" | "capture_ps" => vec![DRAW, character, CAPTURE],
-        _ => vec![DRAW, character, gallery],
+        "capture_vs" | "capture_ps" => vec![draw, character, CAPTURE],
+        _ => vec![draw, character, gallery],
     }
 }

@@ -33,13 +33,20 @@ impl Access {
                 A::SHADER_SAMPLED_READ | A::SHADER_STORAGE_READ | A::SHADER_STORAGE_WRITE,
             ),
             Self::ListRead => (
-                S::COMPUTE_SHADER | S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT | S::ALL_TRANSFER,
+                S::COMPUTE_SHADER
+                    | S::DRAW_INDIRECT
+                    | S::VERTEX_ATTRIBUTE_INPUT
+                    | S::VERTEX_SHADER
+                    | S::ALL_TRANSFER,
                 A::NONE,
             ),
             Self::DispatchRead => (S::DRAW_INDIRECT, A::INDIRECT_COMMAND_READ),
             Self::DrawRead => (
-                S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT,
-                A::INDIRECT_COMMAND_READ | A::VERTEX_ATTRIBUTE_READ,
+                S::DRAW_INDIRECT | S::VERTEX_ATTRIBUTE_INPUT | S::VERTEX_SHADER,
+                A::INDIRECT_COMMAND_READ
+                    | A::VERTEX_ATTRIBUTE_READ
+                    | A::SHADER_SAMPLED_READ
+                    | A::SHADER_STORAGE_READ,
             ),
             Self::AnyRead => (
                 S::DRAW_INDIRECT

@@ -172,7 +172,7 @@ impl Headless {
         let Some(buffers) = &slot.buffers else {
             return Err(dropped());
         };
-        let [_, draw_bytes, instance_bytes] = list_bytes(slot.shape);
+        let [_, draw_bytes, instance_bytes, _] = list_bytes(slot.shape);
         let readback = cx.create_buffer(
             "frozen lists",
             draw_bytes + instance_bytes,

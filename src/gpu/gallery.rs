@@ -15,7 +15,7 @@ use super::pipeline::Pipelines;
 use super::record_buffers::{self, FLOAT4, create_records};
 use super::resident::{self, FILLING, FRESH, READABLE, Staging};
 use crate::error::RenderError;
-use crate::gpu_types::IMPOSTOR_POSE_MASK;
+use crate::gpu_types::{IMPOSTOR_POSE_MASK, QUADS_PER_INSTANCE};
 use crate::impostor;
 
 /// What the impostor stage reads.
@@ -236,7 +236,7 @@ impl Gallery {
             .zip(halves.chunks_exact(side))
             .map(|(i, side)| resident::copy(staging.push(side), 0, [CUBE_SIZE; 2], i))
             .collect();
-        let index_offset = staging.push(&impostor::indices(tables.quad_count));
+        let index_offset = staging.push(&impostor::indices(index_quads(tables)));
 
         use vk::Format as F;
         let (halves, sides) = (F::R16G16B16A16_SFLOAT, cells.len() as u32);
@@ -410,8 +410,13 @@ impl Gallery {
     }
 }
 
+/// Quads of an instance of any draw.
+fn index_quads(tables: &impostor::Gallery) -> u32 {
+    tables.quad_count.max(QUADS_PER_INSTANCE)
+}
+
 fn index_bytes(tables: &impostor::Gallery) -> u64 {
-    6 * u64::from(tables.quad_count) * size_of::<u32>() as u64
+    6 * u64::from(index_quads(tables)) * size_of::<u32>() as u64
 }
 
 const _: () = assert!(throng_bake::impostor::views::MAX_VIEWS <= 2048);

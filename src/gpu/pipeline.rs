@@ -108,6 +108,8 @@ pub(super) enum Input {
     None,
     /// An entry of an instance list.
     Instances,
+    /// A contact shadow.
+    Shadows,
     /// This many of the rows of a transformed vertex, of which it has `of`; the sixth is integers.
     Rows {
         read: u32,
@@ -144,6 +146,13 @@ impl Input {
             Self::Instances => (
                 binding(size_of::<Instance>() as u32, vk::VertexInputRate::INSTANCE),
                 instance_attributes().to_vec(),
+            ),
+            Self::Shadows => (
+                binding(16, vk::VertexInputRate::INSTANCE),
+                vec![vk::VertexInputAttributeDescription {
+                    format: vk::Format::R32G32B32A32_SFLOAT,
+                    ..Default::default()
+                }],
             ),
             Self::Rows { read, of } => (
                 binding(16 * of, vk::VertexInputRate::VERTEX),
@@ -182,16 +191,22 @@ impl Pipelines {
     fn fill(&mut self, cx: &Context) -> Result<(), RenderError> {
         use vk::ShaderStageFlags as S;
         let draws = S::VERTEX | S::FRAGMENT | S::COMPUTE;
-        let (select, character, gallery) = match record_buffers::kind(cx) {
-            bindings::Kind::Texels => (bindings::SELECT, bindings::CHARACTER, bindings::GALLERY),
+        let (select, draw, character, gallery) = match record_buffers::kind(cx) {
+            bindings::Kind::Texels => (
+                bindings::SELECT,
+                bindings::DRAW,
+                bindings::CHARACTER,
+                bindings::GALLERY,
+            ),
             _ => (
                 bindings::SELECT_STORAGE,
+                bindings::DRAW_STORAGE,
                 bindings::CHARACTER_STORAGE,
                 bindings::GALLERY_STORAGE,
             ),
         };
         self.select_set = set_layout(cx, "select", select, S::COMPUTE)?;
-        self.draw_set = set_layout(cx, "draw", bindings::DRAW, draws)?;
+        self.draw_set = set_layout(cx, "draw", draw, draws)?;
         self.character_set = set_layout(cx, "character", character, draws)?;
         self.gallery_set = set_layout(cx, "impostors", gallery, draws)?;
         self.probe_set = set_layout(cx, "probe", bindings::PROBE, S::COMPUTE)?;
@@ -265,6 +280,7 @@ impl Pipelines {
             &DrawState {
                 name: "impostor soft",
                 modules: &["impostor_soft_vs", "impostor_soft_ps"],
+                input: Input::None,
                 ..impostor
             },
         )?;
@@ -273,6 +289,7 @@ impl Pipelines {
             &DrawState {
                 name: "impostor plain",
                 modules: &["impostor_plain_vs", "impostor_plain_ps"],
+                input: Input::None,
                 ..impostor
             },
         )?;
@@ -294,7 +311,7 @@ impl Pipelines {
             &DrawState {
                 name: "shadow",
                 modules: &["shadow_vs", "shadow_ps"],
-                input: Input::Instances,
+                input: Input::Shadows,
                 constants: &[srgb],
                 cull: vk::CullModeFlags::NONE,
                 topology: vk::PrimitiveTopology::TRIANGLE_STRIP,

@@ -235,10 +235,10 @@ fn count_vertices(c: &mut Commands, slot: &Slot, query: u32, draw: &mut dyn FnMu
 fn copy_lists(c: &mut Commands, slot: &Slot, b: &SlotBuffers, keep_lists: bool) {
     let bytes = list_bytes(slot.shape);
     let mut offset = bytes[0];
-    for (from, size) in [&b.tally, &b.draws, &b.instances]
+    for (from, size) in [&b.tally, &b.draws, &b.instances, &b.shadows]
         .into_iter()
         .zip(bytes)
-        .take(if keep_lists { 3 } else { 1 })
+        .take(if keep_lists { 4 } else { 1 })
     {
         let size = size.min(from.size_bytes);
         let region = vk::BufferCopy {

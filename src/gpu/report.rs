@@ -108,16 +108,16 @@ impl Renderer {
             return Some(selection.clone());
         }
         let buffers = slot.buffers.as_ref().filter(|_| self.keep_lists)?;
-        let [tally_bytes, draw_bytes, instance_bytes] = list_bytes(slot.shape);
-        let all: Vec<u8> = buffers
-            .readback
-            .read((2 * tally_bytes + draw_bytes + instance_bytes) as usize);
+        let [tally_bytes, draw_bytes, instance_bytes, shadow_bytes] = list_bytes(slot.shape);
+        let bytes = 2 * tally_bytes + draw_bytes + instance_bytes + shadow_bytes;
+        let all: Vec<u8> = buffers.readback.read(bytes as usize);
         let bins = recorded.bands.len();
         let tally: Vec<u32> =
             bytemuck::pod_collect_to_vec(&all[tally_bytes as usize..][..4 * (TALLY_BINS + bins)]);
         let rest = &all[2 * tally_bytes as usize..];
-        let draws: Vec<DrawCommand> =
-            bytemuck::pod_collect_to_vec(&rest[..bins * size_of::<DrawCommand>()]);
+        let mut draws: Vec<DrawCommand> =
+            bytemuck::pod_collect_to_vec(&rest[..(bins + 1) * size_of::<DrawCommand>()]);
+        let shadow_count = draws.pop().map_or(0, |d| d.instance_count);
         let rest = &rest[draw_bytes as usize..];
         let instance_count: u64 = draws.iter().map(|d| d.instance_count as u64).sum();
         let mut instances: Vec<Instance> =
@@ -129,9 +129,14 @@ impl Renderer {
                 list.sort_unstable_by_key(|i| i.agent());
             }
         }
+        let rest = &rest[instance_bytes as usize..];
+        let mut shadows: Vec<[f32; 4]> =
+            bytemuck::pod_collect_to_vec(&rest[..shadow_count as usize * size_of::<[f32; 4]>()]);
+        shadows.sort_unstable_by_key(|s| s.map(f32::to_bits));
         Some(Selection {
             instances,
             draws,
+            shadows,
             visible: tally[TALLY_VISIBLE] as u64,
             occluded: tally[TALLY_OCCLUDED] as u64,
             meshes: tally[TALLY_MESHES] as u64,

@@ -72,7 +72,9 @@ pub(crate) struct SlotBuffers {
     pub selected: Buffer,
     pub draws: Buffer,
     pub instances: Buffer,
-    /// The occluders' counts and the frame's, and behind them, for tests, draws and instances.
+    /// Contact shadows.
+    pub shadows: Buffer,
+    /// The occluders' counts and the frame's, and behind them, for tests, draws, instances and shadows.
     pub readback: Buffer,
 }
 
@@ -95,11 +97,17 @@ pub(crate) struct Recorded {
     pub plain_slices: u32,
 }
 
+/// Lists that the CPU made, as [`SlotBuffers`] has those of the device.
+pub(crate) struct CpuLists {
+    pub instances: Buffer,
+    pub shadows: Buffer,
+}
+
 pub(crate) struct Slot {
     pub shape: Shape,
     pub buffers: Option<SlotBuffers>,
     /// Lists that the CPU made for [`crate::Method::Uninstanced`].
-    pub cpu_instances: Option<Buffer>,
+    pub cpu_lists: Option<CpuLists>,
     pub constants: Buffer,
     /// Of the last frame that looked for hidden agents.
     pub occluders: Option<Occluders>,
@@ -208,7 +216,7 @@ impl Slot {
         let mut slot = Self {
             shape: Shape::default(),
             buffers: None,
-            cpu_instances: None,
+            cpu_lists: None,
             constants,
             occluders: None,
             no_pyramid,
@@ -391,6 +399,7 @@ impl Slot {
                 &b.tally,
                 &b.ranges,
                 pyramid,
+                &b.shadows,
             ];
             let kinds = match record_buffers::kind(cx) {
                 Kind::Texels => bindings::SELECT,
@@ -401,6 +410,7 @@ impl Slot {
             let draw = [
                 (Kind::Uniform, &self.constants),
                 (Kind::Storage, &b.instances),
+                (record_buffers::kind(cx), &b.instances),
             ];
             write_buffers(cx, self.draw_set, &draw);
             self.table_version = tables.version;
@@ -415,31 +425,25 @@ impl Slot {
         index: usize,
         selection: &Selection,
     ) -> Result<(), RenderError> {
-        let bytes = size_of_val(&selection.instances[..]) as u64;
-        if self
-            .cpu_instances
-            .as_ref()
-            .is_none_or(|b| b.size_bytes < bytes)
-        {
-            let name = format!("uninstanced instances of frame {index}");
-            check_range(cx, &name, bytes, FEWER_AGENTS)?;
-            let instances = cx.create_buffer(
-                &name,
-                bytes,
-                vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::VERTEX_BUFFER,
-                MemoryLocation::CpuToGpu,
-            )?;
+        let fits = |lists: &CpuLists| {
+            lists.instances.size_bytes >= size_of_val(&selection.instances[..]) as u64
+                && lists.shadows.size_bytes >= size_of_val(&selection.shadows[..]) as u64
+        };
+        if !self.cpu_lists.as_ref().is_some_and(fits) {
+            let lists = CpuLists::new(cx, index, selection)?;
             let draw = [
                 (Kind::Uniform, &self.constants),
-                (Kind::Storage, &instances),
+                (Kind::Storage, &lists.instances),
+                (record_buffers::kind(cx), &lists.instances),
             ];
             write_buffers(cx, self.cpu_draw_set, &draw);
-            if let Some(old) = self.cpu_instances.replace(instances) {
-                cx.destroy_buffer(old);
+            if let Some(old) = self.cpu_lists.replace(lists) {
+                old.destroy(cx);
             }
         }
-        if let Some(b) = &mut self.cpu_instances {
-            b.write(0, &selection.instances);
+        if let Some(lists) = &mut self.cpu_lists {
+            lists.instances.write(0, &selection.instances);
+            lists.shadows.write(0, &selection.shadows);
         }
         Ok(())
     }
@@ -460,9 +464,40 @@ impl Slot {
         if let Some(b) = self.buffers {
             b.destroy(cx);
         }
-        if let Some(b) = self.cpu_instances {
-            cx.destroy_buffer(b);
+        if let Some(lists) = self.cpu_lists {
+            lists.destroy(cx);
         }
+    }
+}
+
+impl CpuLists {
+    /// As large as the selection's.
+    fn new(cx: &Context, index: usize, selection: &Selection) -> Result<Self, RenderError> {
+        use vk::BufferUsageFlags as U;
+        let name = |what: &str| format!("uninstanced {what} of frame {index}");
+        let instances = create_records(
+            cx,
+            &name("instances"),
+            size_of_val(&selection.instances[..]) as u64,
+            U::STORAGE_BUFFER | U::VERTEX_BUFFER,
+            MemoryLocation::CpuToGpu,
+            UINT4,
+            FEWER_AGENTS,
+        )?;
+        let bytes = size_of_val(&selection.shadows[..]) as u64;
+        let location = MemoryLocation::CpuToGpu;
+        match cx.create_buffer(&name("shadows"), bytes, U::VERTEX_BUFFER, location) {
+            Ok(shadows) => Ok(Self { instances, shadows }),
+            Err(e) => {
+                cx.destroy_buffer(instances);
+                Err(e)
+            }
+        }
+    }
+
+    fn destroy(self, cx: &Context) {
+        cx.destroy_buffer(self.instances);
+        cx.destroy_buffer(self.shadows);
     }
 }
 
@@ -475,9 +510,9 @@ impl SlotBuffers {
     ) -> Result<Self, RenderError> {
         use MemoryLocation::{CpuToGpu, GpuOnly, GpuToCpu};
         use vk::BufferUsageFlags as U;
-        let [tally, draws, instances] = list_bytes(shape);
+        let [tally, draws, instances, shadows] = list_bytes(shape);
         let readback = if keep_lists {
-            2 * tally + draws + instances
+            2 * tally + draws + instances + shadows
         } else {
             2 * tally
         };
@@ -507,8 +542,9 @@ impl SlotBuffers {
                 instances,
                 source | U::VERTEX_BUFFER,
                 GpuOnly,
-                None,
+                Some(UINT4),
             ),
+            ("shadows", shadows, source | U::VERTEX_BUFFER, GpuOnly, None),
             ("readback", readback, U::TRANSFER_DST, GpuToCpu, None),
         ];
         let mut made: Vec<Buffer> = Vec::new();
@@ -530,10 +566,20 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok([agents, ranges, tally, selected, draws, instances, readback]) =
-            <[Buffer; 7]>::try_from(made)
+        let Ok(
+            [
+                agents,
+                ranges,
+                tally,
+                selected,
+                draws,
+                instances,
+                shadows,
+                readback,
+            ],
+        ) = <[Buffer; 8]>::try_from(made)
         else {
-            unreachable!("seven buffers were made above");
+            unreachable!("eight buffers were made above");
         };
         Ok(Self {
             agents,
@@ -542,6 +588,7 @@ impl SlotBuffers {
             selected,
             draws,
             instances,
+            shadows,
             readback,
         })
     }
@@ -554,6 +601,7 @@ impl SlotBuffers {
             self.selected,
             self.draws,
             self.instances,
+            self.shadows,
             self.readback,
         ] {
             cx.destroy_buffer(buffer);
@@ -561,13 +609,14 @@ impl SlotBuffers {
     }
 }
 
-/// Bytes of the frame's part of the tally, of draws and of instances, each a multiple of 16.
-pub(crate) fn list_bytes(shape: Shape) -> [u64; 3] {
+/// Bytes of the frame's part of the tally, of draws, of instances and of contact shadows, each a multiple of 16.
+pub(crate) fn list_bytes(shape: Shape) -> [u64; 4] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
-        // Behind them the draw of all lists, and those of impostors.
-        (shape.bins + 1 + IMPOSTOR_DRAWS) as u64 * size_of::<DrawCommand>() as u64,
+        // Behind them the draw of the shadows, and those of impostors.
+        (shape.bins + 1 + 2 * IMPOSTOR_DRAWS) as u64 * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
+        shape.agents as u64 * size_of::<[f32; 4]>() as u64,
     ]
     .map(|bytes| bytes.next_multiple_of(16))
 }

@@ -96,7 +96,7 @@ fn shade(baked: &Baked, batch: &CaptureBatch, view: &CaptureView, vertex: usize)
         heading_sin: 0.0,
         sample_entries: [view.pose * baked.joints.len() as u32, 0, 0, 0],
         sample_weights: [1.0, 0.0, 0.0],
-        shadow_radius: 0.0,
+        padding0: 0,
     };
     let skinned = skin_vertex(baked, &batch.poses, v, &pose);
     let to_eye = view.right.cross(view.up);

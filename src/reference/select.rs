@@ -3,9 +3,10 @@
 use glam::{Vec3, Vec4};
 
 use crate::gpu_types::{
-    AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_STILL,
-    FREE_STRETCH, FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance, MAX_RANGES,
-    RangeInfo, SKINNING_ERROR_SHARE, SLICE_COUNT, SLICE_SHIFT, SWITCH_HEIGHT_PX, SubmeshInfo,
+    AgentState, BIN_NONE, ClipInfo, DrawCommand, FADE_SPAN, FLAG_FULL_DETAIL, FLAG_SHADOWS,
+    FLAG_STILL, FREE_STRETCH, FrameConstants, IMPOSTOR_FADE_SHIFT, IMPOSTOR_FADES_OUT, Instance,
+    MAX_RANGES, RangeInfo, SHADOW_FADE_RADII, SKINNING_ERROR_SHARE, SLICE_COUNT, SLICE_SHIFT,
+    SWITCH_HEIGHT_PX, SubmeshInfo,
 };
 use crate::prepare::{Tables, level_key};
 use crate::reference::occlude::{Pyramid, open_error_factor, open_share};
@@ -18,6 +19,8 @@ pub struct Selection {
     pub instances: Vec<Instance>,
     /// By bin.
     pub draws: Vec<DrawCommand>,
+    /// Places and radii of contact shadows, metres; in the order of their bits where the device selected, else in the agents'.
+    pub shadows: Vec<[f32; 4]>,
     /// Agents whose bounds touch the frustum.
     pub visible: u64,
     /// Agents in it whom occluders hide.
@@ -54,6 +57,8 @@ pub fn select(
             continue;
         }
         selection.visible += 1;
+        let shadow = shadow_of(agent, shadow_radius, frame);
+        selection.shadows.extend(shadow);
         let character = &tables.characters[agent.character as usize];
         let still = frame.flags & FLAG_STILL != 0;
         let lod_error = if frame.flags & FLAG_FULL_DETAIL != 0 {
@@ -89,11 +94,9 @@ pub fn select(
         if choice.before != BIN_NONE && choice.before != choice.bin {
             entries.push((choice.before + slice, pose | IMPOSTOR_FADES_OUT));
         }
-        // The first casts the shadow.
-        for (e, (bin, live_vertex_count)) in entries.into_iter().enumerate() {
+        for (bin, live_vertex_count) in entries {
             lists[bin as usize].push(Instance {
                 live_vertex_count,
-                shadow_radius: if e == 0 { instance.shadow_radius } else { 0.0 },
                 ..instance
             });
         }
@@ -306,7 +309,7 @@ fn make_instance(
         heading_sin: agent.heading_sin * agent.scale,
         sample_entries,
         sample_weights: [sample_weights[0], sample_weights[1], sample_weights[2]],
-        shadow_radius: shadow_radius(tables, agent),
+        padding0: 0,
     }
 }
 
@@ -315,6 +318,14 @@ fn shadow_radius(tables: &Tables, agent: &AgentState) -> f32 {
     let height =
         agent.position[1] + agent.scale * tables.characters[agent.character as usize].lowest;
     (agent.scale * clips_of(tables, agent)[0].shadow_radius - height.abs()).max(0.0)
+}
+
+/// An agent's contact shadow, if anything of it is left at that distance.
+fn shadow_of(agent: &AgentState, radius: f32, frame: &FrameConstants) -> Option<[f32; 4]> {
+    let [x, y, z] = agent.position;
+    let distance = Vec3::from(agent.position).distance(frame.eye.into());
+    let casts = frame.flags & FLAG_SHADOWS != 0 && distance < 2.0 * SHADOW_FADE_RADII * radius;
+    casts.then_some([x, y, z, radius])
 }
 
 /// The bin and the live vertices of a submesh at an error.
