@@ -18,7 +18,7 @@ struct Interpolants
     GroundConstants constants;
 };
 
-// Place and radius, metres. Twin: shadow_of in src/reference/select.rs
+// Place and radius, metres.
 Interpolants VSMain(uint vertex : SV_VertexID, [[vk::location(0)]] float4 place_radius : ATTRIBUTE0)
 {
     float3 place = place_radius.xyz;
