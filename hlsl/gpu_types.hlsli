@@ -21,8 +21,9 @@
 // The first bins of agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
 #define FLAT_BIN 512
-// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints. Each is two commands.
+// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints. The commands of each.
 #define IMPOSTOR_DRAWS 3
+#define IMPOSTOR_COMMANDS 2
 // Agents of one quad that an instance of their draw holds: fewer vertices would leave most of a CPU driver's lanes idle.
 #define QUADS_PER_INSTANCE 64
 // Ranges of projected size per character, and how much further than its end a range fades out.
@@ -189,8 +190,9 @@ struct Selected
     uint packed; // influences, 1 to 4, in bits 0-2; SELECTED_NEAREST, SELECTED_CASTS; agent from bit 6
 };
 
-// An entry of an instance list: everything about an agent that all vertices of a submesh share. The lists are a vertex
-// buffer of instance rate: on lavapipe that is much cheaper to read per vertex than a structured buffer.
+// An entry of an instance list: everything about an agent that all vertices of a submesh share. To meshes the lists are a vertex
+// buffer of instance rate: on lavapipe that is much cheaper to read per vertex than a structured buffer. Agents of one quad read
+// them as records.
 struct Instance
 {
     float3 position; // world

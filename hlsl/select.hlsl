@@ -627,8 +627,9 @@ void CSScan(uint local : SV_GroupIndex)
             rest.vertex_offset = int(4u * (first_instance + whole * QUADS_PER_INSTANCE));
             rest.first_instance = 0u;
         }
-        draws[frame.bin_count + 1u + 2u * local] = slices;
-        draws[frame.bin_count + 2u + 2u * local] = rest;
+        uint command = frame.bin_count + 1u + IMPOSTOR_COMMANDS * local;
+        draws[command] = slices;
+        draws[command + 1u] = rest;
     }
 }
 

@@ -26,6 +26,8 @@ pub const QUAD_BIN: u32 = 0;
 pub const FLAT_BIN: u32 = SLICE_COUNT;
 /// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 pub const IMPOSTOR_DRAWS: u32 = 3;
+/// Commands of each of them: whole instances, and what is left over.
+pub const IMPOSTOR_COMMANDS: u32 = 2;
 /// Agents of one quad that an instance of their draw holds.
 pub const QUADS_PER_INSTANCE: u32 = 64;
 /// Ranges of projected size per character.
@@ -49,7 +51,7 @@ pub const SKINNING_ERROR_SHARE: f32 = 0.5;
 pub const LEVEL_SHIFT: u32 = 16;
 /// Bit of `Selected::packed`: one frame instead of two.
 pub const SELECTED_NEAREST: u32 = 8;
-/// Bit of `Selected::packed`: the contact shadow is this entry's.
+/// Bit of `Selected::packed`: the agent casts a contact shadow, and this entry lists it.
 pub const SELECTED_CASTS: u32 = 16;
 /// `Selected::bin` of a submesh that draws nothing.
 pub const BIN_NONE: u32 = u32::MAX;

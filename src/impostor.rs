@@ -8,7 +8,9 @@ use throng_bake::baked::PaletteEntry;
 use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad, Tile};
 
 use crate::gpu::{Commands, Drawing, Recorded};
-use crate::gpu_types::{BandInfo, DrawCommand, FLAT_BIN, IMPOSTOR_DRAWS, QUAD_BIN, SLICE_COUNT};
+use crate::gpu_types::{
+    BandInfo, DrawCommand, FLAT_BIN, IMPOSTOR_COMMANDS, IMPOSTOR_DRAWS, QUAD_BIN, SLICE_COUNT,
+};
 use crate::pool::Pool;
 
 /// Records the draws of all impostors that may have agents.
@@ -22,7 +24,10 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
     let mut bound = false;
     // They stand behind the draws of the lists and that of the shadows.
     let first = recorded.bands.len() as u32 + 1;
-    for (place, (look, bins)) in (first..).step_by(2).zip(draws(recorded.plain_slices)) {
+    for (place, (look, bins)) in (first..)
+        .step_by(IMPOSTOR_COMMANDS as usize)
+        .zip(draws(recorded.plain_slices))
+    {
         let kind = look.kind_bin();
         let shown = (0..drawing.residents.len()).any(|character| slot.may_draw(character, kind));
         if bins.is_empty() || !shown {
@@ -35,7 +40,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
             c.bind_indices(&gallery.indices);
         }
-        c.draw_indexed_indirect(&buffers.draws, place, 2);
+        c.draw_indexed_indirect(&buffers.draws, place, IMPOSTOR_COMMANDS);
     }
 }
 
@@ -382,7 +387,7 @@ pub fn indices(quad_count: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The draw of some slices of a kind, of `draws` of all lists; the device makes the same behind those.
+/// The instances of some slices of a kind as one draw, of `draws` of all lists. The device makes its draws of the same instances.
 pub fn draw_of(draws: &[DrawCommand], bins: Range<u32>) -> DrawCommand {
     let slices = draws.get(bins.start as usize..bins.end as usize);
     let (first, last) = slices.and_then(|s| s.first().zip(s.last())).unzip();

@@ -235,6 +235,25 @@ fn impostors_are_drawn_alone() {
             );
         }
     }
+    // Agents of one quad share instances: none of those that are not whole is lost or drawn twice.
+    for count in [1, 63, 64, 65, 400] {
+        let bare = FrameOptions {
+            ground: false,
+            shadows: false,
+            sky: false,
+            occlusion: false,
+            ..options(Method::Quad)
+        };
+        let report = frame(&mut headless, &crowd(count, &[id]), &bare);
+        assert!(report.visible > count as u64 / 2);
+        assert_eq!(report.instances, report.visible);
+        if let Some(runs) = report.vertex_invocations {
+            assert!(
+                (4 * report.visible..=6 * report.visible).contains(&runs),
+                "{count}: {runs}"
+            );
+        }
+    }
     assert_silent(&headless);
 }
 

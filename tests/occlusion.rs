@@ -122,6 +122,38 @@ fn whoever_stands_behind_a_wall_is_left_out() {
     assert_silent(&headless);
 }
 
+/// From 20 pixels of height on agents hide others, below 40 with coarser meshes.
+#[test]
+fn the_smaller_hide_others_with_coarser_meshes() {
+    let mut headless = common::headless(SIZE);
+    let id = headless.add_character(&baked_mascot()).expect("it uploads");
+    let view = street(SIZE);
+    let height = 2.0 * headless.tables().clips[0].box_half_extent[1];
+    let mut draw_at = |height_px: f32| {
+        let distance = height / (height_px * view.pixel_angle());
+        // At the height of the eye.
+        let afloat = |x: f32, z: f32| Agent {
+            position: Vec3::new(x, 1.7 - 0.5 * height, z),
+            ..at(0.0, 0.0, id)
+        };
+        let row = (0..60).map(|i| afloat(0.01 * (i as f32 - 30.0) * distance, -distance));
+        let agents: Vec<_> = row.chain([afloat(0.0, -1.5 * distance)]).collect();
+        draw(&mut headless, &agents, &view, &options(Method::Lod)).0
+    };
+    let [none, small, large] = [17.0, 30.0, 60.0].map(&mut draw_at);
+    assert_eq!((none.occluders, none.occluded), (0, 0));
+    assert!(small.occluders >= 20 && small.occluded > 0);
+    assert!(large.occluders >= 20 && large.occluded > 0);
+    let triangles = |r: &FrameReport| r.occluder_triangles as f64 / r.occluders as f64;
+    assert!(
+        triangles(&small) < triangles(&large),
+        "{} and {}",
+        triangles(&small),
+        triangles(&large)
+    );
+    assert_silent(&headless);
+}
+
 /// Whose head alone shows has a coarser mesh than it would have in the open; the wall's own is as it was.
 #[test]
 fn who_shows_little_is_coarser() {

@@ -356,6 +356,7 @@ fn shared_numbers_are_equal() {
         ("QUAD_BIN", t::QUAD_BIN as f64),
         ("FLAT_BIN", t::FLAT_BIN as f64),
         ("IMPOSTOR_DRAWS", t::IMPOSTOR_DRAWS as f64),
+        ("IMPOSTOR_COMMANDS", t::IMPOSTOR_COMMANDS as f64),
         ("QUADS_PER_INSTANCE", t::QUADS_PER_INSTANCE as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),

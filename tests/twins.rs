@@ -131,7 +131,20 @@ fn select_writes_what_its_twin_writes() {
             );
         }
     }
+    let without_shadows = FrameOptions {
+        shadows: false,
+        ..options(Method::Lod)
+    };
+    let agents = crowd(100, &[a, b]);
+    let with = render(&mut headless, &agents, &options(Method::Lod));
+    assert!(!with.shadows.is_empty());
+    assert!(
+        render(&mut headless, &agents, &without_shadows)
+            .shadows
+            .is_empty()
+    );
     for options in [
+        without_shadows,
         options(Method::Full),
         FrameOptions {
             animate: false,

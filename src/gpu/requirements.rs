@@ -4,6 +4,7 @@ use std::ffi::CStr;
 
 use ash::vk;
 
+use super::bindings::{Kind, SELECT_STORAGE};
 use crate::error::RenderError;
 use crate::gpu_types::SCAN_GROUP_SIZE;
 
@@ -70,10 +71,15 @@ pub(crate) struct Capabilities {
 }
 
 impl Capabilities {
-    /// Texel buffers hold five million agents, or as many entries of a palette; Vulkan only promises 65,536 texels.
+    /// Texel buffers hold sixteen million entries of instance lists, which are the largest; Vulkan only promises 65,536 texels.
     pub fn reads_texels(&self) -> bool {
-        self.texel_count >= 1 << 24
+        self.texel_count >= 1 << 26
     }
+}
+
+/// How many storage buffers a set binds.
+fn storage_buffers(set: &[Kind]) -> u32 {
+    set.iter().filter(|k| **k == Kind::Storage).count() as u32
 }
 
 /// Checks `physical_device` against everything the library needs.
@@ -155,7 +161,7 @@ pub(crate) fn check(
     for (has, needs, limit, needed_for) in [
         (
             l.max_per_stage_descriptor_storage_buffers,
-            14,
+            storage_buffers(SELECT_STORAGE),
             "maxPerStageDescriptorStorageBuffers",
             "select",
         ),

@@ -16,8 +16,8 @@ use super::record_buffers::{self, FEWER_AGENTS, UINT, UINT2, UINT4, check_range,
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_DRAWS, Instance, MAX_RANGES,
-    RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
+    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_COMMANDS, IMPOSTOR_DRAWS, Instance,
+    MAX_RANGES, RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
 };
 use crate::pool::Pool;
 use crate::prepare::Tables;
@@ -256,7 +256,8 @@ impl Slot {
         pipelines: &Pipelines,
         name: &dyn Fn(&str) -> String,
     ) -> Result<(), RenderError> {
-        self.pool = descriptor_pool(cx, &name("sets"), 3, 20)?;
+        let bindings = bindings::SELECT.len() + 2 * bindings::DRAW.len();
+        self.pool = descriptor_pool(cx, &name("sets"), 3, bindings as u32)?;
         self.select_set = allocate_set(cx, &name("select set"), self.pool, pipelines.select_set)?;
         self.draw_set = allocate_set(cx, &name("draw set"), self.pool, pipelines.draw_set)?;
         self.cpu_draw_set = allocate_set(
@@ -614,7 +615,8 @@ pub(crate) fn list_bytes(shape: Shape) -> [u64; 4] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
         // Behind them the draw of the shadows, and those of impostors.
-        (shape.bins + 1 + 2 * IMPOSTOR_DRAWS) as u64 * size_of::<DrawCommand>() as u64,
+        (shape.bins + 1 + IMPOSTOR_COMMANDS * IMPOSTOR_DRAWS) as u64
+            * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
         shape.agents as u64 * size_of::<[f32; 4]>() as u64,
     ]
