@@ -37,7 +37,6 @@ struct Viewed
     uint2 padded; // depth texels
     float near;
     float depth_sign; // -1 where depth is reversed
-    bool shadows;
 };
 
 Viewed LoadViewed()
@@ -50,7 +49,6 @@ Viewed LoadViewed()
     v.padded = uint2(PaddedSide(DepthSide(v.size_px.x)), PaddedSide(DepthSide(v.size_px.y)));
     v.near = frame.near;
     v.depth_sign = (frame.flags & FLAG_REVERSED_DEPTH) != 0u ? -1.0 : 1.0;
-    v.shadows = (frame.flags & FLAG_SHADOWS) != 0u;
     return v;
 }
 
@@ -152,12 +150,11 @@ float OpenErrorFactor(float open)
     return min(1.0 / sqrt(max(open, 1e-3)), OPEN_ERROR_MAX);
 }
 
-// The contact shadow of an agent whose body is hidden, if there is one: a square on the ground that looks at the camera.
-bool IsShadowHidden(Viewed v, AgentState agent, float radius, bool body_hidden)
+// Of an agent's contact shadow, a square on the ground that looks at the camera; false where it is not asked.
+bool IsShadowHidden(Viewed v, AgentState agent, float radius, bool asked)
 {
     float2 away = agent.position.xz - v.eye.xz;
-    float distance = length(away);
-    away = away * (radius / max(distance, 1e-6));
+    away = away * (radius / max(length(away), 1e-6));
     float4 middle = mul(v.clip_from_world, float4(agent.position.x, SHADOW_LIFT, agent.position.z, 1.0));
     float4 x = mul(v.clip_from_world, float4(-away.y, 0.0, away.x, 0.0));
     float4 z = mul(v.clip_from_world, float4(away.x, 0.0, away.y, 0.0));
@@ -166,8 +163,7 @@ bool IsShadowHidden(Viewed v, AgentState agent, float radius, bool body_hidden)
     seen = AndPoint(v, seen, middle + x - z);
     seen = AndPoint(v, seen, middle - x + z);
     seen = AndPoint(v, seen, middle + x + z);
-    bool there = v.shadows && radius > 0.0 && distance < 2.0 * SHADOW_FADE_RADII * radius;
-    return !there || OpenShare(v, seen, body_hidden) == 0.0;
+    return OpenShare(v, seen, asked) == 0.0;
 }
 
 #endif

@@ -416,11 +416,13 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     bool visible = bounds.inside && inside;
     bool occluded = false;
     float shadow_radius = ShadowRadius(agent, character, clip0);
+    bool casts = visible && shadows_drawn && length(agent.position - eye) < 2.0 * SHADOW_FADE_RADII * shadow_radius;
 #ifdef OCCLUSION
     Viewed viewed = LoadViewed();
     float open = OpenShareOfBody(viewed, agent, clip0, clip1, visible);
     bool body_hidden = open == 0.0;
-    occluded = body_hidden && IsShadowHidden(viewed, agent, shadow_radius, body_hidden);
+    casts = casts && !IsShadowHidden(viewed, agent, shadow_radius, casts && body_hidden);
+    occluded = body_hidden && !casts;
     visible = visible && !occluded;
     error_per_metre *= OpenErrorFactor(open);
 #endif
@@ -438,7 +440,6 @@ void CSCount(uint3 thread : SV_DispatchThreadID)
     uint slice = SliceAt(bounds.distance);
     uint submesh_count = is_mesh ? character.submesh_count : 0u;
     uint entry_count = submesh_count + (shows ? 1u : 0u) + (leaves ? 1u : 0u);
-    bool casts = visible && shadows_drawn && length(agent.position - eye) < 2.0 * SHADOW_FADE_RADII * shadow_radius;
     uint place = TakePlaces(shard_tally, entry_count, visible, is_mesh, casts);
     uint live_vertices = 0u;
     // An agent's first entry lists its shadow.

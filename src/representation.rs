@@ -334,7 +334,7 @@ mod tests {
         }
     }
 
-    /// Round numbers like a CPU driver's, so that what is asked here does not go by the latest measurement.
+    /// Numbers like a CPU driver's, so that what is asked here does not go by the latest measurement.
     const COSTS: CostModel = CostModel {
         mesh: 400.0,
         triangle: 75.0,

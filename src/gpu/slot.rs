@@ -408,12 +408,7 @@ impl Slot {
             };
             let select: Vec<_> = kinds.iter().copied().zip(select).collect();
             write_buffers(cx, self.select_set, &select);
-            let draw = [
-                (Kind::Uniform, &self.constants),
-                (Kind::Storage, &b.instances),
-                (record_buffers::kind(cx), &b.instances),
-            ];
-            write_buffers(cx, self.draw_set, &draw);
+            write_draw_set(cx, self.draw_set, &self.constants, &b.instances);
             self.table_version = tables.version;
             self.sets_current = true;
         }
@@ -432,12 +427,7 @@ impl Slot {
         };
         if !self.cpu_lists.as_ref().is_some_and(fits) {
             let lists = CpuLists::new(cx, index, selection)?;
-            let draw = [
-                (Kind::Uniform, &self.constants),
-                (Kind::Storage, &lists.instances),
-                (record_buffers::kind(cx), &lists.instances),
-            ];
-            write_buffers(cx, self.cpu_draw_set, &draw);
+            write_draw_set(cx, self.cpu_draw_set, &self.constants, &lists.instances);
             if let Some(old) = self.cpu_lists.replace(lists) {
                 old.destroy(cx);
             }
@@ -469,6 +459,16 @@ impl Slot {
             lists.destroy(cx);
         }
     }
+}
+
+/// Makes a set of [`bindings::DRAW`] name what it binds.
+fn write_draw_set(cx: &Context, set: vk::DescriptorSet, constants: &Buffer, instances: &Buffer) {
+    let bound = [
+        (Kind::Uniform, constants),
+        (Kind::Storage, instances),
+        (record_buffers::kind(cx), instances),
+    ];
+    write_buffers(cx, set, &bound);
 }
 
 impl CpuLists {
@@ -567,30 +567,20 @@ impl SlotBuffers {
                 }
             }
         }
-        let Ok(
-            [
-                agents,
-                ranges,
-                tally,
-                selected,
-                draws,
-                instances,
-                shadows,
-                readback,
-            ],
-        ) = <[Buffer; 8]>::try_from(made)
-        else {
-            unreachable!("eight buffers were made above");
+        let mut made = made.into_iter();
+        let mut next = || match made.next() {
+            Some(buffer) => buffer,
+            None => unreachable!("a buffer was made above for every field"),
         };
         Ok(Self {
-            agents,
-            ranges,
-            tally,
-            selected,
-            draws,
-            instances,
-            shadows,
-            readback,
+            agents: next(),
+            ranges: next(),
+            tally: next(),
+            selected: next(),
+            draws: next(),
+            instances: next(),
+            shadows: next(),
+            readback: next(),
         })
     }
 

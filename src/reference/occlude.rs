@@ -3,9 +3,8 @@
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use crate::gpu_types::{
-    AgentState, ClipInfo, FLAG_REVERSED_DEPTH, FLAG_SHADOWS, FrameConstants, OCCLUDER_MARGIN,
-    OCCLUDER_TEXEL_PX, OPEN_ERROR_MAX, PYRAMID_TOP, SHADOW_FADE_RADII, SHADOW_LIFT, TEST_COLUMNS,
-    TEST_ROWS,
+    AgentState, ClipInfo, FLAG_REVERSED_DEPTH, FrameConstants, OCCLUDER_MARGIN, OCCLUDER_TEXEL_PX,
+    OPEN_ERROR_MAX, PYRAMID_TOP, SHADOW_LIFT, TEST_COLUMNS, TEST_ROWS,
 };
 
 /// Levels of farthest depth, from the first, one after the other; depths rise away from the eye.
@@ -68,18 +67,17 @@ impl Pyramid {
 }
 
 /// Share of an agent's bounds, in whatever frame of its clips, that no occluder covers; 0 where neither its body nor its contact
-/// shadow can be seen, and at least the least float above it where only its shadow can.
+/// shadow, place and radius, can be seen, and at least the least float above it where only its shadow can.
 pub fn open_share(
     pyramid: &Pyramid,
     frame: &FrameConstants,
     agent: &AgentState,
     clips: [&ClipInfo; 2],
-    shadow_radius: f32,
+    shadow: Option<[f32; 4]>,
 ) -> f32 {
     let body = share_of(pyramid, frame, &body_corners(agent, clips));
     let shadow_shows = || {
-        shadow_corners(frame, agent, shadow_radius)
-            .is_some_and(|corners| share_of(pyramid, frame, &corners) > 0.0)
+        shadow.is_some_and(|shadow| share_of(pyramid, frame, &shadow_corners(frame, shadow)) > 0.0)
     };
     match body == 0.0 && shadow_shows() {
         true => f32::MIN_POSITIVE,
@@ -107,22 +105,15 @@ fn body_corners(agent: &AgentState, clips: [&ClipInfo; 2]) -> Vec<Vec3> {
     (0..8).map(corner).collect()
 }
 
-/// Corners of a square on the ground that holds a contact shadow; `None` where none is drawn.
-fn shadow_corners(frame: &FrameConstants, agent: &AgentState, radius: f32) -> Option<Vec<Vec3>> {
-    let position = Vec3::from(agent.position);
+/// Corners of a square on the ground that holds a contact shadow.
+fn shadow_corners(frame: &FrameConstants, [px, _, pz, radius]: [f32; 4]) -> [Vec3; 4] {
     let eye = Vec3::from(frame.eye);
-    let away = Vec2::new(position.x - eye.x, position.z - eye.z);
-    let distance = away.length();
-    let there = frame.flags & FLAG_SHADOWS != 0
-        && radius > 0.0
-        && distance < 2.0 * SHADOW_FADE_RADII * radius;
-    let away = away * (radius / distance.max(1e-6));
-    let corner = |(x, z): (f32, f32)| {
+    let away = Vec2::new(px - eye.x, pz - eye.z);
+    let away = away * (radius / away.length().max(1e-6));
+    [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, z)| {
         let offset = z * away + x * Vec2::new(-away.y, away.x);
-        Vec3::new(position.x + offset.x, SHADOW_LIFT, position.z + offset.y)
-    };
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
-    there.then(|| corners.map(corner).to_vec())
+        Vec3::new(px + offset.x, SHADOW_LIFT, pz + offset.y)
+    })
 }
 
 /// Share of the rectangle of the picture that holds `points` where no occluder is in front of all of them.
@@ -240,7 +231,8 @@ mod tests {
                     ..crate::Agent::default()
                 };
                 let agent = AgentState::from(&agent);
-                open_share(&pyramid, &frame, &agent, [&clip; 2], shadow_radius) == 0.0
+                let shadow = (shadow_radius > 0.0).then_some([x, 0.0, z, shadow_radius]);
+                open_share(&pyramid, &frame, &agent, [&clip; 2], shadow) == 0.0
             };
             assert!(hidden(0.0, -8.0, 0.0) && hidden(-3.0, -5.0, 0.4));
             assert!(!hidden(0.0, -3.0, 0.0), "in front of it");
@@ -254,7 +246,7 @@ mod tests {
                 position: Vec3::new(4.06, 0.0, -8.0),
                 ..crate::Agent::default()
             });
-            let open = open_share(&pyramid, &frame, &agent, [&clip; 2], 0.0);
+            let open = open_share(&pyramid, &frame, &agent, [&clip; 2], None);
             assert!((open - 0.5).abs() < 0.1, "{open}");
             assert!((open_error_factor(0.5) - 2f32.sqrt()).abs() < 1e-6);
             assert_eq!(open_error_factor(1.0), 1.0);

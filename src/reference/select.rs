@@ -49,15 +49,14 @@ pub fn select(
         let middle = agent.scale * clips_of(tables, agent)[0].sphere_center[1];
         let distance =
             true_distance * stretch_share(frame, Vec3::from(agent.position) + Vec3::Y * middle);
-        let shadow_radius = shadow_radius(tables, agent);
-        let share = |p| open_share(p, frame, agent, clips_of(tables, agent), shadow_radius);
+        let shadow = shadow_of(agent, shadow_radius(tables, agent), frame);
+        let share = |p| open_share(p, frame, agent, clips_of(tables, agent), shadow);
         let open = pyramid.map_or(1.0, share);
         if open == 0.0 {
             selection.occluded += 1;
             continue;
         }
         selection.visible += 1;
-        let shadow = shadow_of(agent, shadow_radius, frame);
         selection.shadows.extend(shadow);
         let character = &tables.characters[agent.character as usize];
         let still = frame.flags & FLAG_STILL != 0;
