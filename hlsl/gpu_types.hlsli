@@ -21,11 +21,14 @@
 // The first bins of agents that are one quad, and of those that are a quad for each group of joints.
 #define QUAD_BIN 0
 #define FLAT_BIN 512
-// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints. The commands of each.
+// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 #define IMPOSTOR_DRAWS 3
-#define IMPOSTOR_COMMANDS 2
-// Agents of one quad that an instance of their draw holds: fewer vertices would leave most of a CPU driver's lanes idle.
-#define QUADS_PER_INSTANCE 64
+// Agents that an instance holds of a list that is drawn packed, of those of one quad and of the smallest meshes: fewer vertices
+// would leave most of a CPU driver's lanes idle. The commands of such a list: whole instances, and what is left over.
+#define AGENTS_PER_INSTANCE 64
+#define PACKED_COMMANDS 2
+// The most vertices of a band whose agents are drawn packed; an agent's vertex numbers begin at a multiple of it.
+#define PACKED_VERTICES 16
 // Ranges of projected size per character, and how much further than its end a range fades out.
 #define MAX_RANGES 4
 #define FADE_SPAN 0.06
@@ -172,6 +175,7 @@ struct BandInfo
     uint index_count;
     uint vertex_count; // live vertices
     uint waiting_vertex_count; // of those, in no triangle yet: coarser levels use them
+    uint packed_first_index; // of AGENTS_PER_INSTANCE such windows; 0: its agents are not drawn packed
 };
 
 // A range of projected sizes and the representation that draws it.

@@ -1,6 +1,6 @@
 // impostor: draws every quad of an impostor kind of every agent that shows it. Twin: src/reference/impostor.rs
 // In: instance lists of the select stage; live_vertex_count is pose and fade.
-// Vertex numbers: 4 per quad. Agents of one quad are QUADS_PER_INSTANCE to an instance of the draw; of others each is one.
+// Vertex numbers: 4 per quad. Agents of one quad are AGENTS_PER_INSTANCE to an instance of the draw; of others each is one.
 
 #include "impostor.hlsli"
 #include "color.hlsli"
@@ -87,7 +87,7 @@ Interpolants CornerOf(Instance instance, uint quad, uint corner)
 // The instance's number includes firstInstance, which is 0: vertex numbers begin where the list does.
 Interpolants VSMain(uint vertex : SV_VertexID, uint instance : SV_InstanceID)
 {
-    return CornerOf(LoadInstance((vertex >> 2) + QUADS_PER_INSTANCE * instance), 0u, vertex & 3u);
+    return CornerOf(LoadInstance((vertex >> 2) + AGENTS_PER_INSTANCE * instance), 0u, vertex & 3u);
 }
 #else
 Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)

@@ -34,7 +34,6 @@ Instance InstanceFrom(InstanceAttributes attributes)
 
 [[vk::binding(2, 0)]] RECORDS(uint4) lists; // 4 are an Instance
 
-// What the quad of an agent needs of an entry; it has no frames.
 Instance LoadInstance(uint index)
 {
     uint4 a = lists[4u * index];
@@ -46,8 +45,8 @@ Instance LoadInstance(uint index)
     instance.live_vertex_count = b.y;
     instance.packed = b.z;
     instance.heading_sin = asfloat(b.w);
-    instance.sample_entries = 0u;
-    instance.sample_weights = 0.0;
+    instance.sample_entries = lists[4u * index + 2u];
+    instance.sample_weights = asfloat(lists[4u * index + 3u].xyz);
     instance.padding0 = 0u;
     return instance;
 }

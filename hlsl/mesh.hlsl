@@ -1,10 +1,13 @@
 // mesh: draws one submesh of every visible agent; a sub-draw per band. Twin: src/reference/mesh.rs
-// In: instance lists of the select stage, a character's arrays and textures. Compiled with and without TEXTURED and DOUBLE_SIDED,
+// In: instance lists of the select stage, a character's arrays and textures. Compiled with and without TEXTURED, DOUBLE_SIDED and PACKED,
 // because lavapipe pays for interpolants that a specialisation constant leaves unused. One vertex shader run does window extraction,
 // collapse, skinning and light; pixels interpolate sRGB-encoded colour, which costs a CPU driver the least.
 
 #include "mesh.hlsli"
 #include "color.hlsli"
+#ifdef PACKED
+#define READS_LISTS
+#endif
 #include "instance.hlsli"
 #include "light.hlsli"
 #include "tint.hlsli"
@@ -30,9 +33,8 @@ struct Interpolants
 #endif
 };
 
-Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+Interpolants VertexOf(uint vertex, Instance instance)
 {
-    Instance instance = InstanceFrom(attributes);
     PackedVertex v = LoadVertex(LivingAncestor(vertex, instance.live_vertex_count));
     Skinned skinned = SkinVertex(v, instance);
 
@@ -67,6 +69,19 @@ Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
 #endif
     return o;
 }
+
+#ifdef PACKED
+// Many agents to an instance. Its number includes firstInstance, which is 0: vertex numbers begin where the list does.
+Interpolants VSMain(uint vertex : SV_VertexID, uint instance : SV_InstanceID)
+{
+    return VertexOf(vertex % PACKED_VERTICES, LoadInstance(vertex / PACKED_VERTICES + AGENTS_PER_INSTANCE * instance));
+}
+#else
+Interpolants VSMain(uint vertex : SV_VertexID, InstanceAttributes attributes)
+{
+    return VertexOf(vertex, InstanceFrom(attributes));
+}
+#endif
 
 #ifdef DOUBLE_SIDED
 float4 PSMain(Interpolants i, bool front_face : SV_IsFrontFace) : SV_Target

@@ -1,7 +1,7 @@
 // select: culls agents, turns the pixel error into a level of detail and sorts (agent, submesh) pairs into one instance
 // list per (submesh, band), and impostors into one per slice of distance. Three passes: count, scan, scatter. Twin:
 // src/reference/select.rs
-// In: agents[agent_count] and the tables of all characters; out: instances[], draws[bin_count + 7], shadows[].
+// In: agents[agent_count] and the tables of all characters; out: instances[], draws[] (src/gpu/slot.rs says what is where), shadows[].
 // The order within a list is not defined.
 // Occluders' lists are made the same way before: count_occluders takes coarse levels of who is large enough.
 //
@@ -535,6 +535,31 @@ void SumShards()
     draws[frame.bin_count] = squares;
 }
 
+// The commands of a list that is drawn packed: whole instances, and what is left over. Vertex numbers say whose a vertex is,
+// `vertices` for each entry; `first_index` is where windows of `index_count` indices stand, one for each agent of an instance.
+void WritePacked(uint command, uint count, uint first_entry, uint vertices, uint index_count, uint first_index)
+{
+    uint whole = count / AGENTS_PER_INSTANCE;
+    uint left = count - whole * AGENTS_PER_INSTANCE;
+    DrawCommand draw;
+    draw.index_count = index_count * AGENTS_PER_INSTANCE;
+    draw.instance_count = whole;
+    draw.first_index = first_index;
+    draw.vertex_offset = int(vertices * first_entry);
+    draw.first_instance = 0u;
+    draws[command] = draw;
+    draw.index_count = index_count * left;
+    draw.instance_count = min(left, 1u);
+    draw.vertex_offset = int(vertices * (first_entry + whole * AGENTS_PER_INSTANCE));
+    draws[command + 1u] = draw;
+}
+
+// Where the commands of a mesh's bin stand that is drawn packed: behind those of impostors.
+uint PackedCommand(uint bin)
+{
+    return frame.bin_count + 1u + PACKED_COMMANDS * (IMPOSTOR_DRAWS + bin - 2u * SLICE_COUNT);
+}
+
 // One workgroup turns counts into draw commands. Thread t scans a run of neighbouring bins.
 [numthreads(SCAN_GROUP_SIZE, 1, 1)]
 void CSScan(uint local : SV_GroupIndex)
@@ -584,6 +609,10 @@ void CSScan(uint local : SV_GroupIndex)
         draw.vertex_offset = 0;
         draw.first_instance = offset;
         draws[bin] = draw;
+        for (uint p = bands[bin].packed_first_index != 0u ? 1u : 0u; p > 0u; p--)
+        {
+            WritePacked(PackedCommand(bin), count, offset, PACKED_VERTICES, draw.index_count, bands[bin].packed_first_index);
+        }
         uint start = offset;
         for (uint shard = 0u; shard < SELECT_SHARDS; shard++)
         {
@@ -606,31 +635,23 @@ void CSScan(uint local : SV_GroupIndex)
         uint count = impostor_starts[local + 1u] - first_instance;
         uint first_bin = ImpostorDrawBin(local);
         BandInfo window = bands[first_bin];
-        DrawCommand slices;
-        slices.index_count = window.index_count;
-        slices.instance_count = count;
-        slices.first_index = window.first_index;
-        slices.vertex_offset = 0;
-        slices.first_instance = first_instance;
-        DrawCommand rest = slices;
-        rest.instance_count = 0u;
+        uint command = frame.bin_count + 1u + PACKED_COMMANDS * local;
         if (first_bin < FLAT_BIN)
         {
-            // Agents of one quad: many to an instance, and what is left over; vertex numbers say whose quad it is.
-            uint whole = count / QUADS_PER_INSTANCE;
-            uint left = count - whole * QUADS_PER_INSTANCE;
-            slices.index_count = 6u * QUADS_PER_INSTANCE;
-            slices.instance_count = whole;
-            slices.vertex_offset = int(4u * first_instance);
-            slices.first_instance = 0u;
-            rest.index_count = 6u * left;
-            rest.instance_count = min(left, 1u);
-            rest.vertex_offset = int(4u * (first_instance + whole * QUADS_PER_INSTANCE));
-            rest.first_instance = 0u;
+            WritePacked(command, count, first_instance, 4u, 6u, window.first_index);
         }
-        uint command = frame.bin_count + 1u + IMPOSTOR_COMMANDS * local;
-        draws[command] = slices;
-        draws[command + 1u] = rest;
+        else
+        {
+            DrawCommand slices;
+            slices.index_count = window.index_count;
+            slices.instance_count = count;
+            slices.first_index = window.first_index;
+            slices.vertex_offset = 0;
+            slices.first_instance = first_instance;
+            draws[command] = slices;
+            slices.instance_count = 0u;
+            draws[command + 1u] = slices;
+        }
     }
 }
 

@@ -323,8 +323,8 @@ pub struct FrameReport {
     pub occluded: u64,
     /// Agents that were drawn as depth first, so that they hide others.
     pub occluders: u64,
-    /// API draw calls recorded: one per submesh of every character that has agents, and another one as depth where hidden
-    /// agents are looked for; one per impostor kind that some agent may show; plus ground, shadow and sky.
+    /// API draw calls recorded: one per submesh of every character that has agents, another one as depth where hidden
+    /// agents are looked for, and one where some agent is far enough for its smallest levels; one per impostor kind that some agent may show; plus ground, shadow and sky.
     pub draw_calls: u64,
     /// Instances over all submeshes: entries of the instance lists.
     pub instances: u64,

@@ -26,10 +26,12 @@ pub const QUAD_BIN: u32 = 0;
 pub const FLAT_BIN: u32 = SLICE_COUNT;
 /// Draws of impostors: one quad in the farthest slices, in the others; a quad for each group of joints.
 pub const IMPOSTOR_DRAWS: u32 = 3;
-/// Commands of each of them: whole instances, and what is left over.
-pub const IMPOSTOR_COMMANDS: u32 = 2;
-/// Agents of one quad that an instance of their draw holds.
-pub const QUADS_PER_INSTANCE: u32 = 64;
+/// Agents that an instance holds of a list that is drawn packed: of those of one quad, and of the smallest meshes.
+pub const AGENTS_PER_INSTANCE: u32 = 64;
+/// Commands of such a list: whole instances, and what is left over.
+pub const PACKED_COMMANDS: u32 = 2;
+/// The most vertices of a band whose agents are drawn packed; an agent's vertex numbers begin at a multiple of it.
+pub const PACKED_VERTICES: u32 = 16;
 /// Ranges of projected size per character.
 pub const MAX_RANGES: u32 = 4;
 /// How much further than its end a range fades out.
@@ -218,6 +220,7 @@ shared_structs! {
         index_count: u32,
         vertex_count: u32,
         waiting_vertex_count: u32,
+        packed_first_index: u32,
     }
     /// A range of projected sizes.
     struct RangeInfo {

@@ -9,7 +9,7 @@ use throng_bake::impostor::{Atlas, CUBE_TEXELS, Impostors, Kind, NO_JOINT, Quad,
 
 use crate::gpu::{Commands, Drawing, Recorded};
 use crate::gpu_types::{
-    BandInfo, DrawCommand, FLAT_BIN, IMPOSTOR_COMMANDS, IMPOSTOR_DRAWS, QUAD_BIN, SLICE_COUNT,
+    BandInfo, DrawCommand, FLAT_BIN, IMPOSTOR_DRAWS, PACKED_COMMANDS, QUAD_BIN, SLICE_COUNT,
 };
 use crate::pool::Pool;
 
@@ -25,7 +25,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
     // They stand behind the draws of the lists and that of the shadows.
     let first = recorded.bands.len() as u32 + 1;
     for (place, (look, bins)) in (first..)
-        .step_by(IMPOSTOR_COMMANDS as usize)
+        .step_by(PACKED_COMMANDS as usize)
         .zip(draws(recorded.plain_slices))
     {
         let kind = look.kind_bin();
@@ -40,7 +40,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
             c.bind_indices(&gallery.indices);
         }
-        c.draw_indexed_indirect(&buffers.draws, place, IMPOSTOR_COMMANDS);
+        c.draw_indexed_indirect(&buffers.draws, place, PACKED_COMMANDS);
     }
 }
 
@@ -417,5 +417,6 @@ fn window(quad_count: u32) -> BandInfo {
         index_count: 6 * quad_count,
         vertex_count: 4 * quad_count,
         waiting_vertex_count: 0,
+        packed_first_index: 0,
     }
 }

@@ -13,8 +13,8 @@ use throng_bake::quantize::{decode_position, decode_weights};
 use crate::error::RenderError;
 use crate::frame::{CharacterId, FrameOptions};
 use crate::gpu_types::{
-    BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo, LEVEL_SHIFT, LevelInfo,
-    RangeInfo, SubmeshInfo,
+    AGENTS_PER_INSTANCE, BIN_NONE, BandInfo, CharacterConstants, CharacterInfo, ClipInfo,
+    LEVEL_SHIFT, LevelInfo, PACKED_VERTICES, RangeInfo, SubmeshInfo,
 };
 use crate::impostor::{self, Gallery};
 use crate::pool::Pool;
@@ -189,12 +189,14 @@ impl Tables {
         for submesh in &mut submeshes {
             submesh.first_level += levels.start as u32;
         }
-        let bands = baked.bands.iter().zip(waiting_vertex_counts(baked));
-        let bands = bands.map(|(b, waiting)| BandInfo {
+        let waiting = waiting_vertex_counts(baked);
+        let bands = baked.bands.iter().zip(waiting).zip(packed_windows(baked));
+        let bands = bands.map(|((b, waiting), packed)| BandInfo {
             first_index: b.first_index,
             index_count: b.index_count,
             vertex_count: b.vertex_count,
             waiting_vertex_count: waiting,
+            packed_first_index: packed,
         });
         let windows = Arc::make_mut(&mut self.bands);
         impostor::set_windows(windows, self.gallery.quad_count);
@@ -344,6 +346,38 @@ fn drawn_vertex_count(baked: &Baked, band: &Band) -> u32 {
     used.into_iter().map(u32::from).sum()
 }
 
+/// Whether a band's agents are drawn packed, many to an instance.
+fn is_packed(band: &Band) -> bool {
+    band.vertex_count <= PACKED_VERTICES
+}
+
+/// For each band where the windows stand that its agents are drawn with, many to an instance, behind the baked indices; 0 for
+/// bands of too many vertices.
+fn packed_windows(baked: &Baked) -> Vec<u32> {
+    let mut next = baked.indices.len() as u32;
+    let place = |band: &Band| match is_packed(band) {
+        true => {
+            let first = next;
+            next += AGENTS_PER_INSTANCE * band.index_count;
+            first
+        }
+        false => 0,
+    };
+    baked.bands.iter().map(place).collect()
+}
+
+/// The baked indices, and behind them, for each band whose agents are drawn packed, a window for each agent of an instance.
+pub fn indices(baked: &Baked) -> Vec<u32> {
+    let mut indices = baked.indices.clone();
+    for band in baked.bands.iter().filter(|b| is_packed(b)) {
+        let window = &baked.indices[band.first_index as usize..][..band.index_count as usize];
+        for agent in 0..AGENTS_PER_INSTANCE {
+            indices.extend(window.iter().map(|v| v + PACKED_VERTICES * agent));
+        }
+    }
+    indices
+}
+
 /// A submesh's draw state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SubmeshDraw {
@@ -353,6 +387,10 @@ pub struct SubmeshDraw {
     pub first_band: u32,
     /// Its bands.
     pub band_count: u32,
+    /// The last of them, whose agents are drawn packed.
+    pub packed_band_count: u32,
+    /// The least LOD error at which an agent is in one of those; greater than any where there are none.
+    pub packed_error: f32,
     /// Some vertex has a texture.
     pub textured: bool,
     /// Both faces are drawn.
@@ -361,20 +399,33 @@ pub struct SubmeshDraw {
     pub alpha_cutoff: Option<f32>,
 }
 
+/// How many of a submesh's last bands are drawn packed, and the least LOD error at which an agent is in one of them.
+fn packed_bands(bands: &[Band]) -> (u32, f32) {
+    let packed = bands.iter().rev().take_while(|b| is_packed(b)).count();
+    let first = bands.get(bands.len() - packed);
+    (packed as u32, first.map_or(f32::INFINITY, |b| b.error))
+}
+
 /// Draw state of each submesh.
 pub fn submesh_draws(baked: &Baked) -> Vec<SubmeshDraw> {
     baked
         .submeshes
         .iter()
-        .map(|s| SubmeshDraw {
-            first_vertex: s.first_vertex,
-            first_band: s.first_band,
-            band_count: s.band_count,
-            textured: baked.vertices[s.first_vertex as usize..][..s.vertex_count as usize]
-                .iter()
-                .any(|v| v.layer != Mesh::UNTEXTURED),
-            double_sided: s.info.double_sided,
-            alpha_cutoff: s.info.alpha_cutoff,
+        .map(|s| {
+            let bands = &baked.bands[s.first_band as usize..][..s.band_count as usize];
+            let (packed_band_count, packed_error) = packed_bands(bands);
+            SubmeshDraw {
+                first_vertex: s.first_vertex,
+                first_band: s.first_band,
+                band_count: s.band_count,
+                packed_band_count,
+                packed_error,
+                textured: baked.vertices[s.first_vertex as usize..][..s.vertex_count as usize]
+                    .iter()
+                    .any(|v| v.layer != Mesh::UNTEXTURED),
+                double_sided: s.info.double_sided,
+                alpha_cutoff: s.info.alpha_cutoff,
+            }
         })
         .collect()
 }
@@ -577,6 +628,38 @@ mod tests {
         }
         assert_eq!(look_up(&levels, first_key, 0.0).live_vertex_count, 503);
         assert_eq!(look_up(&levels, first_key, 1e30).bin, BIN_NONE);
+    }
+
+    /// Of a band that is drawn packed, an instance holds the same window for each of its agents.
+    #[test]
+    fn packed_windows_repeat_the_bands() {
+        let band = |first_index, index_count, vertex_count, error| Band {
+            first_index,
+            index_count,
+            vertex_count,
+            error,
+        };
+        let mut baked = Baked {
+            indices: vec![70, 1, 2, 0, 1, 2, 2, 1, 3],
+            bands: vec![
+                band(0, 3, PACKED_VERTICES + 1, 0.0),
+                band(3, 6, PACKED_VERTICES, 0.5),
+                band(0, 0, 1, 1.0),
+            ],
+            ..Baked::default()
+        };
+        let all = indices(&baked);
+        let firsts = packed_windows(&baked);
+        let agents = AGENTS_PER_INSTANCE as usize;
+        assert_eq!(firsts, [0, 9, 9 + 6 * AGENTS_PER_INSTANCE]);
+        assert_eq!(all.len(), 9 + 6 * agents);
+        for (agent, window) in all[9..].chunks(6).enumerate() {
+            let base = agent as u32 * PACKED_VERTICES;
+            assert_eq!(window, [0, 1, 2, 2, 1, 3].map(|v| base + v));
+        }
+        assert_eq!(packed_bands(&baked.bands), (2, 0.5));
+        baked.bands[2].vertex_count = PACKED_VERTICES + 1;
+        assert_eq!(packed_bands(&baked.bands), (0, f32::INFINITY));
     }
 
     /// Without collapses, and with only such as cost nothing.

@@ -257,6 +257,57 @@ fn impostors_are_drawn_alone() {
     assert_silent(&headless);
 }
 
+/// The smallest meshes share instances: any number of them looks as each of them alone, and none runs for others.
+#[test]
+fn small_meshes_are_drawn_packed() {
+    let (mut headless, id) = with_mascot();
+    // Beside each other, a pixel and more apart, at an error at which a few triangles of each are left.
+    let row: Vec<Agent> = (0..65)
+        .map(|i| Agent {
+            position: Vec3::new(i as f32 * 1.5 - 48.0, 0.0, -105.0),
+            heading: i as f32,
+            character: id,
+            phases: [i as f32 * 0.1, 0.0],
+            tint_seed: i,
+            ..Default::default()
+        })
+        .collect();
+    let options = FrameOptions {
+        ground: false,
+        shadows: false,
+        sky: false,
+        occlusion: false,
+        ..options(Method::Lod)
+    };
+    frame(&mut headless, &[], &options);
+    let nothing = headless.read_image().expect("a picture");
+    let (mut all, mut shown) = (nothing.clone(), 0);
+    for count in 1..=row.len() {
+        frame(&mut headless, &row[count - 1..count], &options);
+        let one = headless.read_image().expect("a picture");
+        shown += usize::from(one != nothing);
+        for (pixel, (one, nothing)) in all.iter_mut().zip(one.iter().zip(&nothing)) {
+            *pixel = if one == nothing { *pixel } else { *one };
+        }
+        if ![1, 2, 63, 64, 65].contains(&count) {
+            continue;
+        }
+        let report = frame(&mut headless, &row[..count], &options);
+        let picture = headless.read_image().expect("a picture");
+        assert_eq!(differing(&picture, &all, 0), 0, "{count} agents");
+        assert_eq!(report.visible, count as u64);
+        if let Some(runs) = report.vertex_invocations {
+            assert!(runs <= 3 * report.triangles, "{count}: {runs} runs");
+        }
+    }
+    // They have a draw of their own where some are far enough, for each of two submeshes.
+    assert_eq!(frame(&mut headless, &trio(id), &options).draw_calls, 2);
+    assert_eq!(frame(&mut headless, &row, &options).draw_calls, 4);
+    // A pixel may miss the few triangles of one.
+    assert!(shown > row.len() / 2, "{shown} show");
+    assert_silent(&headless);
+}
+
 /// Every character keeps its own pictures, whatever was added before it or after the first frame, and all of them that show
 /// one kind are one draw.
 #[test]
@@ -315,8 +366,8 @@ fn draw_calls_do_not_depend_on_the_number_of_agents() {
     let calls: Vec<u64> = [100, 10_000, 100_000]
         .map(|n| frame(&mut headless, &crowd(n, &[id]), &options(Method::Lod)).draw_calls)
         .into();
-    // Two submeshes, the one of them that can hide others, the ground, the shadows and the sky.
-    assert_eq!(calls, [6, 6, 6]);
+    // Two submeshes and their smallest levels, the one of them that can hide others, the ground, the shadows and the sky.
+    assert_eq!(calls, [8, 8, 8]);
     assert_silent(&headless);
 }
 

@@ -60,12 +60,16 @@ fn the_limit_shows_what_the_method_shows() {
         if method == Method::Full {
             assert_eq!(limit.triangles, report.triangles, "nothing has collapsed");
         }
-        // The method also draws a submesh of each character as depth, to find who is hidden.
+        // The method also draws a submesh of each character as depth, to find who is hidden, and the smallest levels of
+        // both submeshes on their own where some agent is far enough.
         let depth_draws = u64::from(options.looks_for_hidden()) * characters.len() as u64;
-        assert_eq!(
-            limit.draw_calls + depth_draws,
-            report.draw_calls,
-            "{method:?}"
+        let has_levels = method != Method::Full;
+        let small_draws = 2 * u64::from(has_levels) * characters.len() as u64;
+        let expected = limit.draw_calls + depth_draws;
+        assert!(
+            (expected..=expected + small_draws).contains(&report.draw_calls),
+            "{method:?}: {} of {expected}",
+            report.draw_calls
         );
         if let (Some(runs), Some(of_method)) = (limit.vertex_invocations, report.vertex_invocations)
         {

@@ -38,8 +38,8 @@ pub struct SlidingTris {
     pub indices: Vec<u32>,
 }
 
-/// Fewest live vertices of a band that is not the last: below this a narrower window saves nothing.
-const MIN_BAND_VERTICES: u32 = 12;
+/// Fewest live vertices of a band that is not the last: those of a triangle.
+const MIN_BAND_VERTICES: u32 = 3;
 /// Share of the vertices above which all bands are a whole ratio apart.
 const WIDE_SHARE: f32 = 0.25;
 /// The closest that bands stand, as a power of the ratio: every band is a sub-draw, and its cost is not nothing.

@@ -15,7 +15,7 @@ use super::pipeline::Pipelines;
 use super::record_buffers::{self, FLOAT4, create_records};
 use super::resident::{self, FILLING, FRESH, READABLE, Staging};
 use crate::error::RenderError;
-use crate::gpu_types::{IMPOSTOR_POSE_MASK, QUADS_PER_INSTANCE};
+use crate::gpu_types::{AGENTS_PER_INSTANCE, IMPOSTOR_POSE_MASK};
 use crate::impostor;
 
 /// What the impostor stage reads.
@@ -412,7 +412,7 @@ impl Gallery {
 
 /// Quads of an instance of any draw.
 fn index_quads(tables: &impostor::Gallery) -> u32 {
-    tables.quad_count.max(QUADS_PER_INSTANCE)
+    tables.quad_count.max(AGENTS_PER_INSTANCE)
 }
 
 fn index_bytes(tables: &impostor::Gallery) -> u64 {

@@ -58,4 +58,4 @@ pub(crate) use commands::{Access, Commands};
 pub(crate) use frozen::Part;
 pub(crate) use pipeline::DRAW_STAGES;
 pub(crate) use renderer::Drawing;
-pub(crate) use slot::{Recorded, list_bytes};
+pub(crate) use slot::{Recorded, list_bytes, packed_command};

@@ -21,6 +21,8 @@ pub(crate) struct MeshVariant {
     pub textured: bool,
     pub double_sided: bool,
     pub alpha_tested: bool,
+    /// Many agents to an instance.
+    pub packed: bool,
 }
 
 /// Specialisation constants by id, as hlsl/ numbers them.
@@ -350,7 +352,7 @@ impl Pipelines {
             return Ok(());
         }
         let name = format!(
-            "mesh{}{}{}",
+            "mesh{}{}{}{}",
             if variant.textured { " textured" } else { "" },
             if variant.double_sided {
                 " double-sided"
@@ -362,18 +364,24 @@ impl Pipelines {
             } else {
                 ""
             },
+            if variant.packed { " packed" } else { "" },
         );
+        let module = match (variant.textured, variant.double_sided) {
+            (false, false) => "mesh",
+            (true, false) => "mesh_textured",
+            (false, true) => "mesh_double",
+            (true, true) => "mesh_textured_double",
+        };
+        let packed = if variant.packed { "_packed" } else { "" };
         let pipeline = self.graphics(
             cx,
             &DrawState {
                 name: &name,
-                modules: match (variant.textured, variant.double_sided) {
-                    (false, false) => &["mesh_vs", "mesh_ps"],
-                    (true, false) => &["mesh_textured_vs", "mesh_textured_ps"],
-                    (false, true) => &["mesh_double_vs", "mesh_double_ps"],
-                    (true, true) => &["mesh_textured_double_vs", "mesh_textured_double_ps"],
+                modules: &[&format!("{module}{packed}_vs"), &format!("{module}_ps")],
+                input: match variant.packed {
+                    true => Input::None,
+                    false => Input::Instances,
                 },
-                input: Input::Instances,
                 constants: &[
                     (ALPHA_TESTED, variant.alpha_tested),
                     (SRGB_TARGET, self.formats.srgb()),

@@ -130,6 +130,7 @@ impl Renderer {
             record_ms: start.elapsed().as_secs_f64() * 1e3,
             bands: tables.bands.clone(),
             plain_slices: constants.plain_slices,
+            coarsest_error: slot.coarsest_error(view.eye(), constants.error_per_metre),
         });
         Ok(())
     }
@@ -177,9 +178,7 @@ impl Renderer {
         stamp(c, slot, Stamp::DrawBegin);
         c.set_viewport(recorded.view.offset_px, recorded.view.size_px);
         count_vertices(c, slot, 0, &mut |c| {
-            c.label("mesh", |c| {
-                crate::mesh::record(c, &drawing, recorded.cpu.as_ref())
-            })
+            c.label("mesh", |c| crate::mesh::record(c, &drawing, &recorded))
         });
         stamp(c, slot, Stamp::MeshEnd);
         if recorded.options.ground {

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use ash::vk;
+use glam::Vec3;
 
 use super::commands::Commands;
 use super::context::Context;
@@ -14,7 +15,7 @@ use super::resident::{self, Resident, Upload};
 use super::slot::{Shape, Slot, TableBuffers};
 use crate::error::RenderError;
 use crate::frame::{Agent, CharacterId};
-use crate::gpu_types::{AgentState, SELECT_GROUP_SIZE};
+use crate::gpu_types::{AgentState, PACKED_VERTICES, SELECT_GROUP_SIZE};
 use crate::prepare::{self, Tables};
 use crate::representation::CostModel;
 
@@ -399,6 +400,8 @@ impl Renderer {
         slot.agent_counts.resize(self.residents.len(), 0);
         slot.agents.clear();
         (slot.highest, slot.tallest, slot.longest) = (f32::MIN, 0.0, 0.0);
+        (slot.box_min, slot.box_max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        slot.least_scale = f32::INFINITY;
         slot.agents.reserve(agents.len());
         for (index, agent) in agents.iter().enumerate() {
             let state = agent_state(&self.tables, index, agent)?;
@@ -407,6 +410,9 @@ impl Renderer {
             let top = state.scale * self.tables.tops[character];
             let representations = &self.tables.representations[character];
             slot.highest = slot.highest.max(state.position[1] + top);
+            slot.box_min = slot.box_min.min(state.position.into());
+            slot.box_max = slot.box_max.max(state.position.into());
+            slot.least_scale = slot.least_scale.min(state.scale);
             slot.tallest = slot.tallest.max(state.scale * representations.height);
             slot.longest = slot.longest.max(state.scale * representations.length);
             slot.agents.push(state);
@@ -424,6 +430,17 @@ impl Renderer {
             bins: self.tables.bands.len().max(1) as u32,
             characters: self.tables.characters.len().max(1) as u32,
         };
+        // Vertex numbers say whose they are, where many agents share an instance.
+        let entries_max = u64::from(i32::MAX.unsigned_abs() / PACKED_VERTICES);
+        if entries > entries_max {
+            return Err(RenderError::Limit {
+                object: "crowd".into(),
+                needed: entries,
+                limit: entries_max,
+                unit: "submeshes of all agents",
+                hint: "split the crowd",
+            });
+        }
         slot.reserve(&self.cx, frame, shape, self.keep_lists)?;
         if let Some(buffers) = &mut slot.buffers {
             buffers.agents.write(0, &slot.agents);

@@ -52,6 +52,15 @@ impl SubmeshDraw {
             textured: self.textured,
             double_sided: self.double_sided,
             alpha_tested: self.alpha_cutoff.is_some(),
+            packed: false,
+        }
+    }
+
+    /// For the bands that are drawn packed.
+    pub(crate) fn packed_variant(&self) -> MeshVariant {
+        MeshVariant {
+            packed: true,
+            ..self.variant()
         }
     }
 }
@@ -105,6 +114,9 @@ pub(crate) fn make(
     let draws = prepare::submesh_draws(baked);
     for draw in &draws {
         pipelines.add_mesh(cx, draw.variant())?;
+        if draw.packed_band_count > 0 {
+            pipelines.add_mesh(cx, draw.packed_variant())?;
+        }
         if draw.band_count > cx.capabilities.draw_indirect_count {
             return Err(RenderError::Limit {
                 object: format!("character '{}'", baked.name),
@@ -162,8 +174,9 @@ pub(crate) fn make(
     let impostors = baked.impostors.as_ref();
     let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, square, blocks));
 
-    let index_offset = staging.push(&baked.indices);
-    let index_bytes = size_of_val(&baked.indices[..]) as u64;
+    let indices = prepare::indices(baked);
+    let index_offset = staging.push(&indices);
+    let index_bytes = size_of_val(&indices[..]) as u64;
     made.buffer(
         &name("indices"),
         index_bytes,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use glam::Vec3;
 use gpu_allocator::MemoryLocation;
 
 use super::bindings::{self, Kind};
@@ -16,8 +17,9 @@ use super::record_buffers::{self, FEWER_AGENTS, UINT, UINT2, UINT4, check_range,
 use crate::error::RenderError;
 use crate::frame::{FrameOptions, Method, View};
 use crate::gpu_types::{
-    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_COMMANDS, IMPOSTOR_DRAWS, Instance,
-    MAX_RANGES, RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, Selected, TALLY_ALIGNMENT, TALLY_BINS,
+    AgentState, BandInfo, DrawCommand, FrameConstants, IMPOSTOR_DRAWS, Instance, MAX_RANGES,
+    PACKED_COMMANDS, RangeInfo, SELECT_GROUP_SIZE, SELECT_SHARDS, SLICE_COUNT, Selected,
+    TALLY_ALIGNMENT, TALLY_BINS,
 };
 use crate::pool::Pool;
 use crate::prepare::Tables;
@@ -95,6 +97,8 @@ pub(crate) struct Recorded {
     pub bands: Arc<Pool<BandInfo>>,
     /// `FrameConstants::plain_slices`.
     pub plain_slices: u32,
+    /// [`Slot::coarsest_error`] of the crowd: where smallest meshes have draws of their own.
+    pub coarsest_error: f32,
 }
 
 /// Lists that the CPU made, as [`SlotBuffers`] has those of the device.
@@ -114,6 +118,10 @@ pub(crate) struct Slot {
     /// In the pyramid's place before there is one.
     no_pyramid: Buffer,
     pub agents: Vec<AgentState>,
+    /// A box that holds all agents' places.
+    pub box_min: Vec3,
+    pub box_max: Vec3,
+    pub least_scale: f32,
     /// Height of whoever reaches highest, and of the tallest, and length of the longest, metres.
     pub highest: f32,
     pub tallest: f32,
@@ -221,6 +229,9 @@ impl Slot {
             occluders: None,
             no_pyramid,
             agents: Vec::new(),
+            box_min: Vec3::INFINITY,
+            box_max: Vec3::NEG_INFINITY,
+            least_scale: f32::INFINITY,
             highest: f32::MIN,
             tallest: 0.0,
             longest: 0.0,
@@ -316,6 +327,16 @@ impl Slot {
         if *done < self.hand_overs {
             c.write_timestamp(self.timestamps, Stamp::Count as u32 + *done);
             *done += 1;
+        }
+    }
+
+    /// About the greatest LOD error of an agent that is nowhere hidden, bind-space units, where a metre of distance allows
+    /// `error_per_metre`.
+    pub fn coarsest_error(&self, eye: Vec3, error_per_metre: f32) -> f32 {
+        let farthest = (self.box_min - eye).abs().max((self.box_max - eye).abs());
+        match self.agents.is_empty() {
+            true => 0.0,
+            false => farthest.length() * error_per_metre / self.least_scale,
         }
     }
 
@@ -600,13 +621,18 @@ impl SlotBuffers {
     }
 }
 
+/// Where the commands of a mesh's bin stand that is drawn packed: behind a command for each bin, that of the shadows, and those of
+/// impostors, whose bins have none of their own.
+pub(crate) fn packed_command(bins: u32, bin: u32) -> u32 {
+    bins + 1 + PACKED_COMMANDS * (IMPOSTOR_DRAWS + bin - 2 * SLICE_COUNT)
+}
+
 /// Bytes of the frame's part of the tally, of draws, of instances and of contact shadows, each a multiple of 16.
 pub(crate) fn list_bytes(shape: Shape) -> [u64; 4] {
     [
         (TALLY_BINS as u64 + shape.bins as u64) * 4,
-        // Behind them the draw of the shadows, and those of impostors.
-        (shape.bins + 1 + IMPOSTOR_COMMANDS * IMPOSTOR_DRAWS) as u64
-            * size_of::<DrawCommand>() as u64,
+        // Behind them the draw of the shadows, and those of impostors and of packed meshes.
+        u64::from(packed_command(shape.bins, shape.bins)) * size_of::<DrawCommand>() as u64,
         shape.entries as u64 * size_of::<Instance>() as u64,
         shape.agents as u64 * size_of::<[f32; 4]>() as u64,
     ]
