@@ -324,7 +324,8 @@ pub struct FrameReport {
     /// Agents that were drawn as depth first, so that they hide others.
     pub occluders: u64,
     /// API draw calls recorded: one per submesh of every character that has agents, another one as depth where hidden
-    /// agents are looked for, and one where some agent is far enough for its smallest levels; one per impostor kind that some agent may show; plus ground, shadow and sky.
+    /// agents are looked for, and one where some agent is far enough for its smallest levels; one per impostor kind that some
+    /// agent may show; plus ground, shadow and sky.
     pub draw_calls: u64,
     /// Instances over all submeshes: entries of the instance lists.
     pub instances: u64,

@@ -346,22 +346,26 @@ fn drawn_vertex_count(baked: &Baked, band: &Band) -> u32 {
     used.into_iter().map(u32::from).sum()
 }
 
-/// Whether a band's agents are drawn packed, many to an instance.
-fn is_packed(band: &Band) -> bool {
-    band.vertex_count <= PACKED_VERTICES
-}
+/// The most indices of all windows that a character's agents are drawn packed with: files may have any number of bands.
+const PACKED_INDICES_MAX: u64 = 1 << 20;
 
 /// For each band where the windows stand that its agents are drawn with, many to an instance, behind the baked indices; 0 for
-/// bands of too many vertices.
+/// bands of too many vertices or triangles.
 fn packed_windows(baked: &Baked) -> Vec<u32> {
-    let mut next = baked.indices.len() as u32;
-    let place = |band: &Band| match is_packed(band) {
-        true => {
-            let first = next;
-            next += AGENTS_PER_INSTANCE * band.index_count;
-            first
+    let mut next = baked.indices.len() as u64;
+    let end = (next + PACKED_INDICES_MAX).min(u32::MAX.into());
+    let place = |band: &Band| {
+        let (first, count) = (
+            next,
+            u64::from(AGENTS_PER_INSTANCE) * u64::from(band.index_count),
+        );
+        match band.vertex_count <= PACKED_VERTICES && first + count <= end {
+            true => {
+                next += count;
+                first as u32
+            }
+            false => 0,
         }
-        false => 0,
     };
     baked.bands.iter().map(place).collect()
 }
@@ -369,7 +373,8 @@ fn packed_windows(baked: &Baked) -> Vec<u32> {
 /// The baked indices, and behind them, for each band whose agents are drawn packed, a window for each agent of an instance.
 pub fn indices(baked: &Baked) -> Vec<u32> {
     let mut indices = baked.indices.clone();
-    for band in baked.bands.iter().filter(|b| is_packed(b)) {
+    let packed = baked.bands.iter().zip(packed_windows(baked));
+    for (band, _) in packed.filter(|(_, first)| *first > 0) {
         let window = &baked.indices[band.first_index as usize..][..band.index_count as usize];
         for agent in 0..AGENTS_PER_INSTANCE {
             indices.extend(window.iter().map(|v| v + PACKED_VERTICES * agent));
@@ -400,20 +405,22 @@ pub struct SubmeshDraw {
 }
 
 /// How many of a submesh's last bands are drawn packed, and the least LOD error at which an agent is in one of them.
-fn packed_bands(bands: &[Band]) -> (u32, f32) {
-    let packed = bands.iter().rev().take_while(|b| is_packed(b)).count();
+fn packed_bands(bands: &[Band], windows: &[u32]) -> (u32, f32) {
+    let packed = windows.iter().rev().take_while(|&&first| first > 0).count();
     let first = bands.get(bands.len() - packed);
     (packed as u32, first.map_or(f32::INFINITY, |b| b.error))
 }
 
 /// Draw state of each submesh.
 pub fn submesh_draws(baked: &Baked) -> Vec<SubmeshDraw> {
+    let windows = packed_windows(baked);
     baked
         .submeshes
         .iter()
         .map(|s| {
-            let bands = &baked.bands[s.first_band as usize..][..s.band_count as usize];
-            let (packed_band_count, packed_error) = packed_bands(bands);
+            let bands = s.first_band as usize..(s.first_band + s.band_count) as usize;
+            let (packed_band_count, packed_error) =
+                packed_bands(&baked.bands[bands.clone()], &windows[bands]);
             SubmeshDraw {
                 first_vertex: s.first_vertex,
                 first_band: s.first_band,
@@ -657,9 +664,13 @@ mod tests {
             let base = agent as u32 * PACKED_VERTICES;
             assert_eq!(window, [0, 1, 2, 2, 1, 3].map(|v| base + v));
         }
-        assert_eq!(packed_bands(&baked.bands), (2, 0.5));
+        assert_eq!(packed_bands(&baked.bands, &firsts), (2, 0.5));
         baked.bands[2].vertex_count = PACKED_VERTICES + 1;
-        assert_eq!(packed_bands(&baked.bands), (0, f32::INFINITY));
+        let firsts = packed_windows(&baked);
+        assert_eq!(packed_bands(&baked.bands, &firsts), (0, f32::INFINITY));
+        // However many bands a file has, their windows take a few megabytes.
+        baked.bands = vec![band(3, 6, 3, 0.0); 1_000_000];
+        assert!(indices(&baked).len() as u64 <= 9 + PACKED_INDICES_MAX);
     }
 
     /// Without collapses, and with only such as cost nothing.

@@ -13,6 +13,7 @@ use super::memory::{Buffer, Image, ImageDesc, ImageShape};
 use super::pipeline::{MeshVariant, Pipelines};
 use super::record_buffers::{self, FLOAT4, UINT, UINT4, create_records};
 use crate::error::RenderError;
+use crate::gpu_types::PACKED_COMMANDS;
 use crate::prepare::{self, SubmeshDraw};
 
 /// Uploaded once, read by every frame.
@@ -117,10 +118,13 @@ pub(crate) fn make(
         if draw.packed_band_count > 0 {
             pipelines.add_mesh(cx, draw.packed_variant())?;
         }
-        if draw.band_count > cx.capabilities.draw_indirect_count {
+        let commands = draw
+            .band_count
+            .max(PACKED_COMMANDS * draw.packed_band_count);
+        if commands > cx.capabilities.draw_indirect_count {
             return Err(RenderError::Limit {
                 object: format!("character '{}'", baked.name),
-                needed: draw.band_count as u64,
+                needed: commands as u64,
                 limit: cx.capabilities.draw_indirect_count as u64,
                 unit: "bands in a submesh",
                 hint: "bake it with fewer bands",
