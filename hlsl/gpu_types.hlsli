@@ -195,8 +195,8 @@ struct Selected
 };
 
 // An entry of an instance list: everything about an agent that all vertices of a submesh share. To meshes the lists are a vertex
-// buffer of instance rate: on lavapipe that is much cheaper to read per vertex than a structured buffer. Agents of one quad read
-// them as records.
+// buffer of instance rate: on lavapipe that is much cheaper to read per vertex than a structured buffer. Agents of one quad
+// and the smallest meshes, which are drawn packed, read them as records.
 struct Instance
 {
     float3 position; // world

@@ -1,4 +1,4 @@
-//! mesh: one indirect multi-draw per submesh, a sub-draw per band. Host side of hlsl/mesh.hlsl; twin in
+//! mesh: one indirect multi-draw per submesh, a sub-draw per band, and one for its smallest bands where those are drawn packed. Host side of hlsl/mesh.hlsl; twin in
 //! [`crate::reference::mesh`].
 
 use ash::vk;
@@ -28,8 +28,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
     };
     let mut bound = None;
     let (mut handed_over, mut waiting) = (0, 0);
-    // The smallest meshes come last, many agents to an instance. The CPU's lists are drawn one by
-    // one, and full detail has none.
+    // The smallest meshes come last, many agents to an instance. The CPU's lists are drawn one by one, and full detail has none.
     let packs = cpu.is_none() && recorded.options.method != Method::Full;
     for packed in [false, true] {
         for (character, resident) in drawing.residents.iter().enumerate() {

@@ -74,6 +74,17 @@ fn frame(headless: &mut Headless, agents: &[Agent], options: &FrameOptions) -> F
         .expect("a frame")
 }
 
+/// Nothing but agents, and all of them.
+fn bare(method: Method) -> FrameOptions {
+    FrameOptions {
+        ground: false,
+        shadows: false,
+        sky: false,
+        occlusion: false,
+        ..options(method)
+    }
+}
+
 fn with_mascot() -> (Headless, CharacterId) {
     let mut headless = headless(SIZE);
     let id = headless.add_character(&baked_mascot()).expect("it uploads");
@@ -212,17 +223,11 @@ fn impostors_are_drawn_alone() {
         .add_character(&baked_mascot_with_impostors())
         .expect("it uploads");
     for (method, quads) in [(Method::Flat, 2), (Method::Quad, 1)] {
-        let bare = FrameOptions {
-            ground: false,
-            shadows: false,
-            sky: false,
-            occlusion: false,
-            ..options(method)
-        };
-        let empty = frame(&mut headless, &[], &bare);
+        let options = bare(method);
+        let empty = frame(&mut headless, &[], &options);
         assert_eq!(empty.draw_calls, 0);
         assert_eq!(empty.vertex_invocations.unwrap_or(0), 0);
-        let report = frame(&mut headless, &trio(id), &bare);
+        let report = frame(&mut headless, &trio(id), &options);
         // One quad without relief, far away, and with it.
         assert_eq!(report.draw_calls, 3 - quads, "{method:?}");
         assert_eq!(report.triangles, 2 * quads * report.visible);
@@ -237,14 +242,8 @@ fn impostors_are_drawn_alone() {
     }
     // Agents of one quad share instances: none of those that are not whole is lost or drawn twice.
     for count in [1, 63, 64, 65, 400] {
-        let bare = FrameOptions {
-            ground: false,
-            shadows: false,
-            sky: false,
-            occlusion: false,
-            ..options(Method::Quad)
-        };
-        let report = frame(&mut headless, &crowd(count, &[id]), &bare);
+        let options = bare(Method::Quad);
+        let report = frame(&mut headless, &crowd(count, &[id]), &options);
         assert!(report.visible > count as u64 / 2);
         assert_eq!(report.instances, report.visible);
         if let Some(runs) = report.vertex_invocations {
@@ -272,13 +271,7 @@ fn small_meshes_are_drawn_packed() {
             ..Default::default()
         })
         .collect();
-    let options = FrameOptions {
-        ground: false,
-        shadows: false,
-        sky: false,
-        occlusion: false,
-        ..options(Method::Lod)
-    };
+    let options = bare(Method::Lod);
     frame(&mut headless, &[], &options);
     let nothing = headless.read_image().expect("a picture");
     let (mut all, mut shown) = (nothing.clone(), 0);
@@ -347,14 +340,8 @@ fn impostors_of_all_characters_share_a_gallery() {
         }
 
         let all: Vec<_> = [first, second, third].into_iter().flat_map(trio).collect();
-        let bare = FrameOptions {
-            ground: false,
-            shadows: false,
-            sky: false,
-            occlusion: false,
-            ..options(method)
-        };
-        let draws = frame(&mut shared, &all, &bare).draw_calls;
+        let options = bare(method);
+        let draws = frame(&mut shared, &all, &options).draw_calls;
         assert_eq!(draws, draw_calls, "{method:?}");
         assert_silent(&shared);
     }
