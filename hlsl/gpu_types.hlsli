@@ -39,6 +39,9 @@
 #define SWITCH_HEIGHT_PX 12.0
 // Added to an impostor's mip before rounding: below 0 is sharper.
 #define IMPOSTOR_MIP_BIAS -0.75
+// The least and most pixels in a texel that edges of impostors follow: further inside than a texel, outlines do not tell.
+#define SHARPNESS_MIN 0.5
+#define SHARPNESS_MAX 3.75
 // Mean of the tints of what stays nearly as it was made, and of cloth for a colour of lightness 0.75.
 #define TINT_NATURAL_MEAN 0.9
 #define TINT_CLOTH_MEAN 0.487

@@ -9,7 +9,7 @@
 #endif
 #include "instance.hlsli"
 
-[[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, coverage
+[[vk::binding(2, 2)]] Texture2D<float4> color_texture; // square roots of linear colour, distance from the outline
 [[vk::binding(3, 2)]] Texture2D<float4> surface_texture; // normal, body part and tint rule, depth
 // Levels of both samplers end at the first, so that pixels after a discard may sample, too.
 [[vk::binding(5, 2)]] SamplerState color_sampler;
@@ -29,9 +29,9 @@ struct Interpolants
 {
     float4 position : SV_Position;
     float4 uv_height_depth : TEXCOORD0; // place in the gallery; metres above the agent's ground; plane before the quad's centre, in its extents
-    nointerpolation float4 sun_shift : TEXCOORD1; // towards it in the picture's axes; shift in the gallery by a depth extent before the plane
+    nointerpolation float4 sun_shift : TEXCOORD1; // towards it in the picture's axes; shift in the gallery by a depth extent before the plane, of quads of joints their sharpness
     nointerpolation float4 up_shift : TEXCOORD2; // world +Y in the picture's axes; the shift's other coordinate
-    nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of the picture that is shown, less 2 where it is the part that the fade leaves
+    nointerpolation float4 tint_share : TEXCOORD3; // of the agent; of the picture that is shown: of one quad 255ths, and a quarter of its sharpness; of quads of joints less 2 where it is the part that the fade leaves
     nointerpolation float4 sunlight_haze : TEXCOORD4; // what haze lets through; the red that it adds
     nointerpolation float4 skylight_haze : TEXCOORD5; // and green
     nointerpolation float4 groundlight_haze : TEXCOORD6; // and blue
@@ -60,12 +60,13 @@ Interpolants CornerOf(Instance instance, uint quad, uint corner)
     float3 sun = frame.to_sun;
     o.sun_shift = float4(dot(placed.right, sun), dot(placed.up, sun), dot(placed.towards, sun), shift.x);
     o.up_shift = float4(placed.right.y, placed.up.y, placed.towards.y, shift.y);
-    float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu) * (1.0 / 255.0);
+    float share = float((instance.live_vertex_count >> IMPOSTOR_FADE_SHIFT) & 0xffu);
     bool fades_out = (instance.live_vertex_count & IMPOSTOR_FADES_OUT) != 0u;
 #if defined(SOFT)
-    share = fades_out ? 1.0 - share : share;
+    share = (fades_out ? 255.0 - share : share) + 0.25 * placed.sharpness;
 #else
-    share = fades_out ? share - 2.0 : share;
+    share = share * (1.0 / 255.0) - (fades_out ? 2.0 : 0.0);
+    o.sun_shift.w = placed.sharpness;
 #endif
     o.tint_share = float4(TintRandom(instance.tint_seed), share);
     // Pixels get all constants so: lavapipe looks up those of a buffer lane by lane in pixel shaders.
@@ -103,6 +104,12 @@ float DitherThreshold(float2 pixel)
     uint x = p.x ^ p.y;
     uint index = ((x & 1u) << 3) | ((p.y & 1u) << 2) | (x & 2u) | ((p.y & 2u) >> 1);
     return (float(index) + 0.5) * (1.0 / 16.0);
+}
+
+// The share of a pixel that is inside of an outline, by what a texel says of its distance and by the pixels in a texel.
+float CoverageAt(float outline, float sharpness)
+{
+    return saturate((outline - 0.5) * (2.0 * sharpness) + 0.5);
 }
 
 // The colour of a texel in light and haze, linear.
@@ -143,7 +150,8 @@ float4 PSMain(Interpolants i) : SV_Target
     uv = clamp(uv + before * float2(i.sun_shift.w, i.up_shift.w), i.bounds.xy, i.bounds.zw);
 #endif
     float4 color = color_texture.Sample(color_sampler, uv);
-    float coverage = color.a * i.tint_share.w;
+    float share = floor(i.tint_share.w);
+    float coverage = CoverageAt(color.a, 4.0 * (i.tint_share.w - share)) * (share * (1.0 / 255.0));
     if (coverage < SOFT_EDGE)
     {
         discard;
@@ -162,16 +170,17 @@ float4 PSMain(Interpolants i, out float depth : SV_Depth) : SV_Target
     bool fades_out = i.tint_share.w < -0.5;
     float fade = fades_out ? i.tint_share.w + 2.0 : i.tint_share.w;
     bool shown = (DitherThreshold(i.position.xy - i.depth_step_corner.zw) < fade) != fades_out;
-    if (color.a < SOFT_EDGE || !shown)
+    float coverage = CoverageAt(color.a, i.sun_shift.w);
+    if (coverage < SOFT_EDGE || !shown)
     {
         discard;
     }
-    bool is_core = color.a >= CORE;
+    bool is_core = coverage >= CORE;
     float4 surface = surface_texture.Sample(nearest_sampler, i.uv_height_depth.xy);
     float3 lit = Lit(i, color.rgb, surface);
     float before = surface.w * 2.0 - 1.0 - i.uv_height_depth.w - (is_core ? 0.0 : RIM_BEHIND);
     float2 zw = i.plane_zw + i.depth_step_corner.xy * before;
     depth = saturate(zw.x / max(zw.y, 1e-6));
-    return Covering(lit, is_core ? 1.0 : color.a);
+    return Covering(lit, is_core ? 1.0 : coverage);
 }
 #endif

@@ -32,6 +32,7 @@ struct Placed
     float2 shift; // texels, to where the eye's ray meets what lies a depth extent before the plane
     float4 bounds; // least and greatest texels of the atlas where a pixel may shift to
     float mip; // a whole number
+    float sharpness; // pixels in a texel of that mip
 };
 
 // Where texels of a mip of an atlas are in the gallery's pictures, as factors and what to add: atlases stand in rows of a grid,
@@ -191,5 +192,6 @@ Placed PlaceQuad(Instance instance, uint quad, uint corner, float random)
     float pixel = frame.pixel_angle * length(eye) * StretchShare(instance.position);
     float atlas_texel = (plane.z - plane.x) / max(uv.w - uv.y, 1.0);
     o.mip = floor(clamp(log2(max(pixel / max(atlas_texel, 1e-12), 1.0)) + IMPOSTOR_MIP_BIAS, 0.0, place.z) + 0.5);
+    o.sharpness = clamp(atlas_texel * exp2(o.mip) / max(pixel, 1e-12), SHARPNESS_MIN, SHARPNESS_MAX);
     return o;
 }

@@ -4,7 +4,7 @@
 #include "impostor.hlsli"
 
 [[vk::binding(1, 0)]] StructuredBuffer<Instance> instances;
-[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // corner and mip, towards and depth extent, uv, depth and atlas, shift; 4 per vertex
+[[vk::binding(0, 3)]] RWStructuredBuffer<float4> probed; // corner and mip, towards and depth extent, uv, depth and atlas, shift and sharpness; 4 per vertex
 
 [numthreads(SELECT_GROUP_SIZE, 1, 1)]
 void CSMain(uint3 thread : SV_DispatchThreadID)
@@ -19,5 +19,5 @@ void CSMain(uint3 thread : SV_DispatchThreadID)
     probed[4u * thread.x] = float4(placed.corner, placed.mip);
     probed[4u * thread.x + 1u] = float4(placed.towards, placed.depth_extent);
     probed[4u * thread.x + 2u] = float4(placed.uv, placed.depth, placed.atlas);
-    probed[4u * thread.x + 3u] = float4(placed.shift, 0.0, 0.0);
+    probed[4u * thread.x + 3u] = float4(placed.shift, placed.sharpness, 0.0);
 }

@@ -43,6 +43,10 @@ pub const FREE_STRETCH: f32 = 1.5;
 pub const SWITCH_HEIGHT_PX: f32 = 12.0;
 /// Added to an impostor's mip before rounding: below 0 is sharper.
 pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
+/// The least pixels in a texel that edges of impostors follow: further inside than a texel, outlines do not tell.
+pub const SHARPNESS_MIN: f32 = 0.5;
+/// The most: at most 4, as they are packed for pixels.
+pub const SHARPNESS_MAX: f32 = 3.75;
 /// Mean of the tints of what stays nearly as it was made.
 pub const TINT_NATURAL_MEAN: f32 = throng_bake::tint::NATURAL_MEAN;
 /// Mean of the tints of cloth, for a colour of lightness 0.75.

@@ -306,8 +306,7 @@ pub fn pose_texels(impostors: &Impostors) -> u32 {
 }
 
 /// What is drawn of a tile: without the texels around its picture that show nothing, but for half of one on each side. A pixel
-/// there is filtered from the last texel that shows something; in the first mip none further out is. Pixels that show nothing cost as much
-/// as others.
+/// there is filtered from the last texel that shows something. Pixels that show nothing cost as much as others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// As [`Tile::min`].
@@ -328,8 +327,8 @@ pub fn trimmed_tiles(impostors: &Impostors) -> Vec<Shown> {
     tiles.map(|tile| trimmed(&impostors.atlas, tile)).collect()
 }
 
-/// Coverage below which a texel shows nothing: `SOFT_EDGE` of hlsl/impostor.hlsl.
-const SOFT_EDGE: u8 = 51;
+/// Outline below which a texel shows nothing: that of a coverage of `SOFT_EDGE` of hlsl/impostor.hlsl at a pixel for each texel.
+const SOFT_EDGE_OUTLINE: u8 = 89;
 
 /// [`trimmed_tiles`] of one tile.
 pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Shown {
@@ -339,7 +338,7 @@ pub(crate) fn trimmed(atlas: &Atlas, tile: &Tile) -> Shown {
         for x in 0..columns {
             let column = u32::from(tile.texel[0]) + x;
             let row = u32::from(tile.texel[1]) + y;
-            if atlas.color[(row * atlas.width + column) as usize][3] >= SOFT_EDGE {
+            if atlas.color[(row * atlas.width + column) as usize][3] >= SOFT_EDGE_OUTLINE {
                 first = [first[0].min(x), first[1].min(y)];
                 last = [last[0].max(x + 1), last[1].max(y + 1)];
             }

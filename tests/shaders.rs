@@ -360,6 +360,8 @@ fn shared_numbers_are_equal() {
         ("PACKED_VERTICES", t::PACKED_VERTICES as f64),
         ("AGENTS_PER_INSTANCE", t::AGENTS_PER_INSTANCE as f64),
         ("IMPOSTOR_MIP_BIAS", t::IMPOSTOR_MIP_BIAS as f64),
+        ("SHARPNESS_MIN", t::SHARPNESS_MIN as f64),
+        ("SHARPNESS_MAX", t::SHARPNESS_MAX as f64),
         ("LEVEL_SHIFT", t::LEVEL_SHIFT as f64),
         ("BIN_NONE", t::BIN_NONE as f64),
         ("TALLY_VISIBLE", t::TALLY_VISIBLE as f64),

@@ -507,6 +507,7 @@ fn impostors_stand_where_their_twin_puts_them() {
                                     .max((c.depth_extent - g.depth_extent).abs())
                                     .max((c.depth - g.depth).abs())
                                     .max((c.mip - g.mip).abs() * 0.1)
+                                    .max((c.sharpness - g.sharpness).abs() * 0.01)
                             })
                             .collect::<Vec<_>>()
                     })

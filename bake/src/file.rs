@@ -30,7 +30,7 @@ use crate::validate;
 /// First bytes of every baked character.
 pub const MAGIC: [u8; 8] = *b"THRONG\r\n";
 /// Version that this build reads and writes.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 const HEADER_BYTES: usize = 32;
 const ENTRY_BYTES: usize = 24;

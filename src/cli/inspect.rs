@@ -80,10 +80,16 @@ fn write_atlas(path: &Path, baked: &Baked, source: &str) -> Result<()> {
         let places = (0..width).flat_map(|x| (0..height).map(move |y| y * width + x));
         places.map(texel).collect()
     };
-    write_rgba(path, &upright(&|i| atlas.color[i]), atlas.height)?;
+    // As pixels of a texel's size would show it.
+    let coverage = |i: usize| (2 * i32::from(atlas.color[i][3]) - 128).clamp(0, 255) as u8;
+    let color = upright(&|i| {
+        let [r, g, b, _] = atlas.color[i];
+        [r, g, b, coverage(i)]
+    });
+    write_rgba(path, &color, atlas.height)?;
     let surface = upright(&|i| {
         let [x, y, _, depth] = atlas.surface[i];
-        [x, y, depth, if atlas.color[i][3] > 0 { 255 } else { 0 }]
+        [x, y, depth, if coverage(i) > 0 { 255 } else { 0 }]
     });
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push("_surface.png");

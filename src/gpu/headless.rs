@@ -329,6 +329,7 @@ impl Headless {
                 uv: r[2].truncate().truncate(),
                 depth: r[2].z,
                 shift: r[3].truncate().truncate(),
+                sharpness: r[3].z,
             });
         Ok(corners.collect())
     }

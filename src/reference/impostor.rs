@@ -5,7 +5,9 @@ use throng_bake::baked::Baked;
 use throng_bake::impostor::{Impostors, Kind, NO_JOINT, ViewSet};
 
 use super::select::stretch_share;
-use crate::gpu_types::{FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance};
+use crate::gpu_types::{
+    FrameConstants, IMPOSTOR_MIP_BIAS, IMPOSTOR_POSE_MASK, Instance, SHARPNESS_MAX, SHARPNESS_MIN,
+};
 use crate::impostor::Shown;
 
 /// Least cosine between the eye's ray and a picture's plane that pixels are shifted for.
@@ -28,6 +30,8 @@ pub struct Placed {
     pub shift: Vec2,
     /// Of its atlas; a whole number.
     pub mip: f32,
+    /// Pixels in a texel of that mip.
+    pub sharpness: f32,
 }
 
 /// The four corners of a quad of an instance: left bottom, right bottom, left top, right top. `tiles` are
@@ -87,6 +91,9 @@ pub fn place_quad(
     let shift = Vec2::new(ray.y, ray.x) * size / extent.yx().max(Vec2::splat(1e-12))
         * (q.depth_extent / slant.max(MIN_SLANT));
     let mip = (pixel / texel.max(1e-12)).max(1.0).log2() + IMPOSTOR_MIP_BIAS;
+    let last_mip = impostors.atlas.mip_count.saturating_sub(1) as f32;
+    let mip = (mip.clamp(0.0, last_mip) + 0.5).floor();
+    let sharpness = (texel * mip.exp2() / pixel.max(1e-12)).clamp(SHARPNESS_MIN, SHARPNESS_MAX);
     [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|[x, y]| {
         let at =
             Vec2::from(tile.min) + Vec2::new(x, y) * (Vec2::from(tile.max) - Vec2::from(tile.min));
@@ -103,7 +110,8 @@ pub fn place_quad(
             depth_extent: q.depth_extent * scale,
             depth: depth * scale,
             shift,
-            mip: (mip.clamp(0.0, impostors.atlas.mip_count.saturating_sub(1) as f32) + 0.5).floor(),
+            mip,
+            sharpness,
         }
     })
 }

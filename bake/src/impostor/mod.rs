@@ -154,8 +154,8 @@ pub struct Atlas {
     pub height: u32,
     /// Mips, halved each time; few enough that no tile bleeds into the next.
     pub mip_count: u32,
-    /// Square roots of the linear colour without light, the mean over all tints, and coverage; for quads that follow a joint scaled in every mip so that half is
-    /// the edge. Mips one after the other.
+    /// Square roots of the linear colour without light, the mean over all tints, and the distance from the outline: 0 and 255 are a
+    /// texel outside and inside, in every mip. Mips one after the other.
     pub color: Vec<[u8; 4]>,
     /// Normal along right and up (128 is 0, 1 and 255 are -1 and 1), body part in bits 0-5 with its tint rule in bits 6-7,
     /// and depth towards the eye (0 and 255 are the far and the near end of the quad's extent). As `color`.

@@ -55,9 +55,11 @@ impl Camera {
     }
 }
 
-/// As the renderer's: `IMPOSTOR_MIP_BIAS`, `SOFT_EDGE`, `CORE`, `RIM_BEHIND` and `MIN_SLANT` of its shaders.
+/// As the renderer's: `IMPOSTOR_MIP_BIAS`, `SOFT_EDGE` and its outline, `SHARPNESS_MIN` and `SHARPNESS_MAX`, `CORE`, `RIM_BEHIND` and `MIN_SLANT` of its shaders.
 const MIP_BIAS: f32 = -0.75;
-const SOFT_EDGE: u8 = 51;
+const SOFT_EDGE: f32 = 0.2;
+const SOFT_EDGE_OUTLINE: u8 = 89;
+const SHARPNESS: [f32; 2] = [0.5, 3.75];
 const CORE: f32 = 0.75;
 const RIM_BEHIND: f32 = 2.0;
 const MIN_SLANT: f32 = 0.4;
@@ -150,6 +152,8 @@ pub fn impostor(
         let mip = (texels_per_pixel.max(1.0).log2() + MIP_BIAS)
             .round()
             .clamp(0.0, (i.atlas.mip_count - 1) as f32) as u32;
+        let sharpness = (1u32 << mip) as f32 / texels_per_pixel;
+        let sharpness = sharpness.clamp(SHARPNESS[0], SHARPNESS[1]);
         let depth_of = |surface: [f32; 4]| (surface[3] / 255.0 * 2.0 - 1.0) * quad.depth_extent;
         for y in low.y as u32..high.y as u32 {
             for x in low.x as u32..high.x as u32 {
@@ -164,8 +168,8 @@ pub fn impostor(
                     at = (at + before * shift).clamp(Vec2::ZERO, Vec2::ONE);
                 }
                 let (color, surface) = fetch(i, &tile, mip, at, false);
-                let coverage = color[3] / 255.0;
-                if color[3] < SOFT_EDGE.into() {
+                let coverage = ((color[3] / 255.0 - 0.5) * 2.0 * sharpness + 0.5).clamp(0.0, 1.0);
+                if coverage < SOFT_EDGE {
                     continue;
                 }
                 // A rim blends, and stands behind so that it hides none of the body.
@@ -201,7 +205,7 @@ fn trimmed(i: &Impostors, tile: &Tile) -> Shown {
     let (mut first, mut last) = ([columns, rows], [0, 0]);
     for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
         let at = (u32::from(tile.texel[1]) + y) * i.atlas.width + u32::from(tile.texel[0]) + x;
-        if i.atlas.color[at as usize][3] >= SOFT_EDGE {
+        if i.atlas.color[at as usize][3] >= SOFT_EDGE_OUTLINE {
             first = [first[0].min(x), first[1].min(y)];
             last = [last[0].max(x + 1), last[1].max(y + 1)];
         }
