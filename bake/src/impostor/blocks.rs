@@ -1,6 +1,6 @@
 //! Atlases in BC7 blocks: a quarter of the bytes.
 //!
-//! Colour with coverage is one picture of four channels that go together. In the surface, body parts with their tint rules
+//! Colour with outline is one picture of four channels that go together. In the surface, body parts with their tint rules
 //! are labels, of which nothing lies between: they are kept exactly wherever a block can hold them, and of the others those go
 //! whose tints differ least.
 
@@ -11,11 +11,11 @@ use super::Atlas;
 use crate::bc7::{Block, Texels, Weights, ZERO, decode, encode, encode_labels};
 use crate::tint::spread;
 
-/// Red, green, blue and coverage: about how bright they are, and coverage as much as all.
+/// Red, green, blue and outline: about how bright they are, and the outline as much as all.
 const COLOR_WEIGHTS: Vec4 = Vec4::new(0.8, 1.6, 0.5, 1.6);
 /// Normals light what they cover; depth shifts it a little. Parts are labels.
 const SURFACE_WEIGHTS: Vec4 = Vec4::new(1.0, 1.0, 0.0, 0.4);
-/// What a texel without coverage matters: its colour is filtered into the edge, its surface is hardly ever looked up.
+/// What a texel far outside the outline matters: its colour is filtered into the edge, its surface is hardly ever looked up.
 const UNCOVERED_COLOR: f32 = 0.5;
 const UNCOVERED_SURFACE: f32 = 0.02;
 

@@ -1,4 +1,6 @@
-//! One picture in the making: supersampled capture in, texels with coverage out, then mips.
+//! One picture in the making: supersampled capture in, texels with their distance from the outline out, then mips.
+//!
+//! Source: Green 2007, "Improved Alpha-Tested Magnification for Vector Textures and Special Effects", for the distances.
 
 use std::sync::LazyLock;
 
