@@ -15,7 +15,9 @@ use crate::tint::spread;
 const COLOR_WEIGHTS: Vec4 = Vec4::new(0.8, 1.6, 0.5, 1.6);
 /// Normals light what they cover; depth shifts it a little. Parts are labels.
 const SURFACE_WEIGHTS: Vec4 = Vec4::new(1.0, 1.0, 0.0, 0.4);
-/// What a texel far outside the outline matters: its colour is filtered into the edge, its surface is hardly ever looked up.
+/// Outline of a texel that is half of one outside; what is further out is covered by nothing.
+const HALF_OUTSIDE: u8 = 64;
+/// What a texel that nothing covers matters: its colour is filtered into the edge, its surface is hardly ever looked up.
 const UNCOVERED_COLOR: f32 = 0.5;
 const UNCOVERED_SURFACE: f32 = 0.02;
 
@@ -109,7 +111,7 @@ impl Atlas {
             })
         };
         let (color, surface) = (texels(&self.color), texels(&self.surface));
-        let is_covered = color.map(|t| t[3] > 0);
+        let is_covered = color.map(|t| t[3] >= HALF_OUTSIDE);
         if !is_covered.contains(&true) {
             // The colours of such a block are never filtered into anything: what is covered has an empty texel around it.
             let weights = Weights {
