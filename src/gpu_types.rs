@@ -47,6 +47,7 @@ pub const IMPOSTOR_MIP_BIAS: f32 = -0.75;
 pub const SHARPNESS_MIN: f32 = 0.5;
 /// The most: at most 4, as they are packed for pixels.
 pub const SHARPNESS_MAX: f32 = 3.75;
+const _: () = assert!(SHARPNESS_MAX < 4.0);
 /// Mean of the tints of what stays nearly as it was made.
 pub const TINT_NATURAL_MEAN: f32 = throng_bake::tint::NATURAL_MEAN;
 /// Mean of the tints of cloth, for a colour of lightness 0.75.

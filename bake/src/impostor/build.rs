@@ -242,7 +242,8 @@ pub fn build<E>(
             let taken = take::take(baked, groups, options, &plan, capture, &mut heard)?;
             let share = tile_texels(&taken) as f64 / (limit as f64).max(1.0);
             // Pictures turn out smaller than their bodies' bounds, some by a tenth: then more of them fit.
-            let has_room = tries == 0 && plan.is_reduced && share < QUAD_FILLED;
+            let is_reduced = !said.is_empty();
+            let has_room = tries == 0 && is_reduced && share < QUAD_FILLED;
             tries += 1;
             if (share <= 1.0 && !has_room) || tries == QUAD_TRIES {
                 warnings.append(&mut said);

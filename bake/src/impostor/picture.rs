@@ -311,7 +311,7 @@ impl Samples {
         }
     }
 
-    /// Averages; the part is the one with the most weight.
+    /// Averages, but for the outline; the part is the one with the most weight.
     fn texel(self, full: f32) -> Texel {
         if self.weight == 0.0 {
             return Texel::default();
@@ -322,10 +322,10 @@ impl Samples {
             .fold((0, 0.0f32), |a, &b| if b.1 > a.1 { b } else { a });
         Texel {
             coverage: self.weight / full,
-            outline: 0.0,
             color: self.color / self.weight,
             shape: self.shape / self.weight,
             part: most.0,
+            ..Texel::default()
         }
     }
 }

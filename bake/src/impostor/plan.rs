@@ -88,8 +88,6 @@ pub(super) struct Plan {
     pub shots: Vec<Shot>,
     /// Texels that the tiles will take, roughly.
     pub expected_texels: u64,
-    /// The memory was too small for all that makes sense.
-    pub is_reduced: bool,
 }
 
 /// Plans the pictures of groups, with texels coarser than the options' by a factor.
@@ -108,7 +106,6 @@ pub(super) fn plan_flat(
         clip_poses: Vec::new(),
         shots: Vec::new(),
         expected_texels: 0,
-        is_reduced: coarser > 1.0,
     };
     let mut head_set = 0;
     if groups.groups.iter().any(|g| g.is_head) && options.head_view_cuts != options.body_view_cuts {
@@ -261,6 +258,5 @@ pub(super) fn plan_quad(
         clip_poses: plan.ranges,
         shots,
         expected_texels: texel_limit,
-        is_reduced: plan.is_reduced,
     }
 }
