@@ -262,7 +262,7 @@ const QUAD_IN_CROWD: f32 = 0.41;
 
 /// The same for who is longer than high by [`LONG`]: such bodies stand through each other, which a plane for each of them does not
 /// show.
-const QUAD_IN_CROWD_LONG: f32 = 0.46;
+const QUAD_IN_CROWD_LONG: f32 = 0.48;
 /// See [`QUAD_IN_CROWD_LONG`].
 const LONG: f32 = 1.2;
 
