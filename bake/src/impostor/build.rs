@@ -14,14 +14,12 @@ const TEXEL_BYTES: u64 = 8;
 const PLANNED_SHARE: f64 = 0.94;
 /// What `Flat` may exceed its share by once it has been captured: better than the time to take it again.
 const FLAT_EXCESS: f64 = 1.25;
-/// Share of what is left for `Quad` from which on its pictures are not taken again, more of them.
+/// Share of what is left for `Quad` from which on its pictures are not taken again, more of them. Those are kept where they fit.
 const QUAD_FILLED: f64 = 0.96;
 /// The share that is planned for then.
 const QUAD_AIM: f64 = 0.985;
 /// The most that a plan may exceed the limit by, because pictures turn out smaller.
 const QUAD_MORE: f64 = 1.15;
-/// How often they are taken at most. The last time they take what fits or the build fails.
-const QUAD_TRIES: u32 = 4;
 /// Share of the time that `Flat` takes of both, for progress.
 const FLAT_TIME: f32 = 0.75;
 /// Coarser texels than this are not tried.
@@ -233,24 +231,23 @@ pub fn build<E>(
     if has(Kind::Quad) {
         let limit = (texel_limit as u64).saturating_sub(tile_texels(&pictures));
         let from = if has(Kind::Flat) { flat_time } else { 0.0 };
-        let mut planned = limit as f64;
-        let mut tries = 0;
-        let (plan, taken) = loop {
+        let mut take_quads = |texel_limit: u64| {
             let mut said = Vec::new();
-            let plan = plan_quad(baked, &skins, options, height, planned as u64, &mut said);
+            let plan = plan_quad(baked, &skins, options, height, texel_limit, &mut said);
             let mut heard = |share: f32| progress(from + share * (1.0 - from));
             let taken = take::take(baked, groups, options, &plan, capture, &mut heard)?;
-            let share = tile_texels(&taken) as f64 / (limit as f64).max(1.0);
-            // Pictures turn out smaller than their bodies' bounds, some by a tenth: then more of them fit.
-            let is_reduced = !said.is_empty();
-            let has_room = tries == 0 && is_reduced && share < QUAD_FILLED;
-            tries += 1;
-            if (share <= 1.0 && !has_room) || tries == QUAD_TRIES {
-                warnings.append(&mut said);
-                break (plan, taken);
-            }
-            planned *= (QUAD_AIM / share.max(0.1)).min(QUAD_MORE);
+            Ok((plan, taken, said))
         };
+        let (mut plan, mut taken, mut said) = take_quads(limit)?;
+        // Pictures turn out smaller than their bodies' bounds, some by a tenth: then more of them fit.
+        let share = tile_texels(&taken) as f64 / (limit as f64).max(1.0);
+        if !said.is_empty() && share < QUAD_FILLED {
+            let more = take_quads((limit as f64 * (QUAD_AIM / share).min(QUAD_MORE)) as u64)?;
+            if tile_texels(&more.1) <= limit {
+                (plan, taken, said) = more;
+            }
+        }
+        warnings.append(&mut said);
         let first_tile = pictures.len() as u32;
         pictures.extend(taken);
         out.push(Kind::Quad, plan, first_tile);
