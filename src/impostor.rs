@@ -38,7 +38,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
             c.bind_instances(&buffers.instances);
             c.bind_set(GRAPHICS, layout, 0, slot.draw_set);
             c.bind_set(GRAPHICS, layout, 2, gallery.set);
-            c.bind_indices(&gallery.indices);
+            c.bind_indices(&gallery.indices, vk::IndexType::UINT32);
         }
         c.draw_indexed_indirect(&buffers.draws, place, PACKED_COMMANDS);
     }

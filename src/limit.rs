@@ -32,7 +32,7 @@ pub(crate) fn record<'a>(
         c.bind_set(GRAPHICS, layout, 1, resident.set);
         c.push_constants(layout, DRAW_STAGES, &part.constants);
         c.bind_instances(&part.vertices);
-        c.bind_indices(&part.indices);
+        c.bind_indices(&part.indices, vk::IndexType::UINT32);
         c.draw_indexed(part.index_count, 0, 0);
         drawing.slot.hand_over(c, handed_over);
     }

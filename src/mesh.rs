@@ -66,7 +66,7 @@ pub(crate) fn record(c: &mut Commands, drawing: &Drawing, recorded: &Recorded) {
                 }
                 if std::mem::take(&mut is_first) {
                     c.bind_set(GRAPHICS, layout, 1, resident.set);
-                    c.bind_indices(&resident.indices);
+                    c.bind_indices(&resident.indices, resident.index_type);
                 }
                 let constants = DrawConstants {
                     first_vertex: draw.first_vertex,

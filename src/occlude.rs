@@ -61,7 +61,7 @@ fn draw(c: &mut Commands, drawing: &Drawing) {
             }
             if first {
                 c.bind_set(GRAPHICS, layout, 1, resident.set);
-                c.bind_indices(&resident.indices);
+                c.bind_indices(&resident.indices, resident.index_type);
                 first = false;
             }
             let constants = DrawConstants {

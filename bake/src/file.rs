@@ -10,8 +10,8 @@
 //! | 28..32 | zero |
 //! | 32.. | sections: id (4 bytes), zero (4 bytes), offset (8), length in bytes (8) |
 //!
-//! Section payloads begin at multiples of 16. `META` is JSON: names, records and extents; the others are arrays that upload
-//! without parsing. A character with impostors has five sections more. Reading checks every index, count and number before anything else may use them.
+//! Section payloads begin at multiples of 16. `META` is JSON: names, records and extents; `INDX` is packed, see
+//! [`crate::indices`]; the others are arrays that upload without parsing. A character with impostors has five sections more. Reading checks every index, count and number before anything else may use them.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -25,12 +25,13 @@ use crate::baked::{Baked, BakedClip, BodyPart, Submesh, TextureArray};
 use crate::character::{Clip, Interpolation, Joint, Node, Property, Track};
 use crate::error::FileError;
 use crate::impostor::file::{self as impostor_file, ImpostorMeta};
+use crate::indices;
 use crate::validate;
 
 /// First bytes of every baked character.
 pub const MAGIC: [u8; 8] = *b"THRONG\r\n";
 /// Version that this build reads and writes.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 const HEADER_BYTES: usize = 32;
 const ENTRY_BYTES: usize = 24;
@@ -47,7 +48,7 @@ struct Meta {
     uv_min: Vec2,
     uv_extent: Vec2,
     error_max: f32,
-    wide_indices: bool,
+    index_count: u64,
     body_parts: Vec<BodyPart>,
     clips: Vec<BakedClip>,
     nodes: Vec<Node>,
@@ -85,7 +86,6 @@ pub fn is_baked(bytes: &[u8]) -> bool {
 
 /// The file's bytes. The same character gives the same bytes.
 pub fn to_bytes(baked: &Baked) -> Vec<u8> {
-    let wide_indices = baked.submeshes.iter().any(|s| s.vertex_count > 1 << 16);
     let (clip_meta, keys) = split_clips(&baked.source_clips);
     let impostors = baked.impostors.as_ref().map(impostor_file::split);
     let (impostor_meta, impostor_arrays) = impostors.unzip();
@@ -98,7 +98,7 @@ pub fn to_bytes(baked: &Baked) -> Vec<u8> {
         uv_min: baked.uv_min,
         uv_extent: baked.uv_extent,
         error_max: baked.error_max,
-        wide_indices,
+        index_count: baked.indices.len() as u64,
         body_parts: baked.body_parts.clone(),
         clips: baked.clips.clone(),
         nodes: baked.nodes.clone(),
@@ -109,19 +109,13 @@ pub fn to_bytes(baked: &Baked) -> Vec<u8> {
         texture_mips: baked.textures.mip_count,
     };
     let meta = serde_json::to_vec(&meta).expect("plain records always become JSON");
-    let narrow: Vec<u16>;
-    let indices: &[u8] = if wide_indices {
-        bytemuck::cast_slice(&baked.indices)
-    } else {
-        narrow = baked.indices.iter().map(|&i| i as u16).collect();
-        bytemuck::cast_slice(&narrow)
-    };
+    let indices = indices::pack(&baked.indices);
     let mut sections: Vec<(&[u8], &[u8])> = vec![
         (b"META", &meta),
         (b"VERT", bytemuck::cast_slice(&baked.vertices)),
         (b"COLL", bytemuck::cast_slice(&baked.collapse)),
         (b"BAND", bytemuck::cast_slice(&baked.bands)),
-        (b"INDX", indices),
+        (b"INDX", &indices),
         (b"PALT", bytemuck::cast_slice(&baked.palette)),
         (b"KEYS", bytemuck::cast_slice(&keys)),
         (b"TEXR", bytemuck::cast_slice(&baked.textures.pixels)),
@@ -250,15 +244,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Baked, FileError> {
     };
     let meta: Meta =
         serde_json::from_slice(find("META")?).map_err(|e| malformed("META", e.to_string()))?;
-    let indices = if meta.wide_indices {
-        array::<u32>(find("INDX")?).map_err(|e| malformed("INDX", e))?
-    } else {
-        array::<u16>(find("INDX")?)
-            .map_err(|e| malformed("INDX", e))?
-            .into_iter()
-            .map(u32::from)
-            .collect()
-    };
+    let indices = indices::unpack(find("INDX")?, meta.index_count);
     let impostors = match meta.impostors {
         None => None,
         Some(records) => {
@@ -275,7 +261,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Baked, FileError> {
         vertices: array(find("VERT")?).map_err(|e| malformed("VERT", e))?,
         collapse: array(find("COLL")?).map_err(|e| malformed("COLL", e))?,
         bands: array(find("BAND")?).map_err(|e| malformed("BAND", e))?,
-        indices,
+        indices: indices.map_err(|e| malformed("INDX", e))?,
         palette: array(find("PALT")?).map_err(|e| malformed("PALT", e))?,
         textures: TextureArray {
             width: meta.texture_size[0],

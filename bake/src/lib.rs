@@ -18,6 +18,7 @@ pub mod glb;
 mod ground_speed;
 pub mod import;
 pub mod impostor;
+pub mod indices;
 pub mod merge;
 pub mod mesh;
 pub mod palette;

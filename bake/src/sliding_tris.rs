@@ -7,6 +7,7 @@ use std::collections::HashSet;
 
 use crate::baked::{Band, CollapseEntry, Submesh};
 use crate::error::BakeError;
+use crate::indices;
 use crate::mesh::{CollapseSequence, Mesh};
 
 /// How a submesh's triangles are cut into index windows.
@@ -15,7 +16,7 @@ pub enum BandForm {
     /// Windows of their own, every corner moved to its living ancestor, each with 1/ratio of the vertices of the one
     /// before, or with more where that is cheap: see [`step_ratio`].
     Collapsed {
-        /// Greater than 1; near the square root of 2.
+        /// Greater than 1; near 1.1.
         ratio: f32,
     },
     /// The paper's form: one index buffer of the full mesh in the order in which triangles die; bands are prefixes of
@@ -121,6 +122,7 @@ pub fn order(
             band_count: out.bands.len() as u32 - first_band,
         });
     }
+    out.indices = indices::rotated(&out.indices);
     Ok(out)
 }
 

@@ -330,17 +330,19 @@ impl Contents {
         let finest = submeshes.iter().filter_map(|s| s.bands.first());
         let triangle_count: u64 = finest.map(|b| u64::from(b.triangle_count)).sum();
         let vertex_count = baked.vertices.len() as u64;
-        // Indices are 16 bits wide where every submesh allows it.
-        let is_narrow = baked.submeshes.iter().all(|s| s.vertex_count <= 1 << 16);
-        let index_bytes: u64 = if is_narrow { 2 } else { 4 };
+        let packed = |indices: &[u32]| throng_bake::indices::pack(indices).len() as u64;
         let skinning_bytes = (size_of::<[u8; 4]>() + size_of::<u32>()) as u64;
-        let triangles = 3 * triangle_count * index_bytes;
+        let full = baked.submeshes.iter().filter_map(|s| {
+            let band = baked.bands.get(s.first_band as usize)?;
+            (baked.indices.get(band.first_index as usize..))?.get(..band.index_count as usize)
+        });
+        let triangles = full.map(packed).sum();
         let bytes = Bytes {
             geometry: vertex_count * (size_of::<Vertex>() as u64 - skinning_bytes),
             skinning: vertex_count * skinning_bytes,
             collapse: vertex_count * size_of::<CollapseEntry>() as u64,
             triangles,
-            bands: baked.indices.len() as u64 * index_bytes - triangles
+            bands: packed(&baked.indices).saturating_sub(triangles)
                 + size_of_val(&baked.bands[..]) as u64,
             palette: (baked.palette.len() * size_of::<PaletteEntry>()) as u64,
             textures: size_of_val(&baked.textures.pixels[..]) as u64,

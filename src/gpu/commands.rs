@@ -400,14 +400,11 @@ impl<'a> Commands<'a> {
         };
     }
 
-    pub fn bind_indices(&mut self, buffer: &Buffer) {
+    pub fn bind_indices(&mut self, buffer: &Buffer, kind: vk::IndexType) {
         unsafe {
-            self.context.device.cmd_bind_index_buffer(
-                self.cmd,
-                buffer.handle,
-                0,
-                vk::IndexType::UINT32,
-            )
+            self.context
+                .device
+                .cmd_bind_index_buffer(self.cmd, buffer.handle, 0, kind)
         };
     }
 

@@ -24,6 +24,8 @@ pub(crate) struct Resident {
     /// First of its submeshes in the tables.
     pub first_submesh: u32,
     pub indices: Buffer,
+    /// 16 bits wide where all fit.
+    pub index_type: vk::IndexType,
     pub set: vk::DescriptorSet,
     /// Vertices, parents and palette.
     records: Vec<Buffer>,
@@ -179,8 +181,7 @@ pub(crate) fn make(
     let atlas = impostors.map(|i| gallery::stage_atlas(&mut staging, &i.atlas, square, blocks));
 
     let indices = prepare::indices(baked);
-    let index_offset = staging.push(&indices);
-    let index_bytes = size_of_val(&indices[..]) as u64;
+    let (index_offset, index_bytes, index_type) = stage_indices(&mut staging, &indices);
     made.buffer(
         &name("indices"),
         index_bytes,
@@ -223,6 +224,7 @@ pub(crate) fn make(
         first_bin,
         first_submesh,
         indices,
+        index_type,
         set,
         records: buffers,
         textures: resident_textures,
@@ -242,6 +244,23 @@ pub(crate) fn make(
         atlas,
     };
     Ok((resident, upload))
+}
+
+/// Stages vertex numbers, 16 bits each where all fit: where, how many bytes, and which type.
+fn stage_indices(staging: &mut Staging, indices: &[u32]) -> (u64, u64, vk::IndexType) {
+    let narrow: Option<Vec<u16>> = indices.iter().map(|&i| u16::try_from(i).ok()).collect();
+    match narrow {
+        Some(narrow) => (
+            staging.push(&narrow),
+            size_of_val(&narrow[..]) as u64,
+            vk::IndexType::UINT16,
+        ),
+        None => (
+            staging.push(indices),
+            size_of_val(indices) as u64,
+            vk::IndexType::UINT32,
+        ),
+    }
 }
 
 /// Stages all mips of all layers and one more layer of white; a character without textures gets one white pixel.
