@@ -147,6 +147,31 @@ fn each_broken_rule_is_named() {
     }
 }
 
+/// A count of indices that the packed triangles do not have, with as many digits.
+#[test]
+fn a_count_that_the_packed_triangles_do_not_have_is_refused() {
+    let baked = sheets();
+    let bytes = to_bytes(&baked);
+    let count = baked.indices.len();
+    let said = |count: usize| format!("\"index_count\":{count}").into_bytes();
+    let old = said(count);
+    let at = bytes
+        .windows(old.len())
+        .position(|w| w == old)
+        .expect("META says it");
+    let most = 10usize.pow(count.to_string().len() as u32) - 1;
+    for (other, reason) in [
+        (count - 1, "no whole number of triangles"),
+        (count - 3, "do not unpack"),
+        (most, "indices"),
+    ] {
+        let mut broken = bytes.clone();
+        broken[at..at + old.len()].copy_from_slice(&said(other));
+        let error = refusal(&sealed(broken));
+        assert!(error.contains("INDX") && error.contains(reason), "{error}");
+    }
+}
+
 #[test]
 fn other_files_and_other_versions_are_told_apart() {
     assert!(refusal(b"glTF....").contains("not a baked character"));
